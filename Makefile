@@ -1,0 +1,40 @@
+.DEFAULT_GOAL := help
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: help setup demo test lint studies bench clean
+
+help:
+	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
+	@echo "make test     run the tests"
+	@echo "make lint     format, style, types, import layers"
+	@echo "make studies  the long accuracy studies"
+	@echo "make bench    the program against its peers, in one run"
+	@echo "make setup    only install, into .venv"
+	@echo "make clean    remove .venv"
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml tools/setup
+	PYTHON=$(PYTHON) tools/setup $(VENV)
+	@touch $@
+
+demo: setup
+	$(BIN)/truewheel demo
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup
+	$(BIN)/python -m benchmarks.measure_wheel
+
+clean:
+	rm -rf $(VENV)

@@ -1,0 +1,1 @@
+"""Calibration: one camera, a head, the whole rig, and correction functions."""

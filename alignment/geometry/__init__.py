@@ -1,0 +1,1 @@
+"""Rigid transforms, projective geometry, camera models."""

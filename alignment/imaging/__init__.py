@@ -1,0 +1,1 @@
+"""Thresholds, edges, marks, light lines: from pixels to places in one image."""

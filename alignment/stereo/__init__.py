@@ -1,0 +1,1 @@
+"""Correspondence and triangulation: from places in two images to points."""

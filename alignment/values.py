@@ -1,0 +1,241 @@
+"""The values that enter and leave `measure_wheel`."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
+from alignment.geometry.transforms import RigidTransform
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+Side = Literal["left", "right"]
+
+
+@dataclass(frozen=True)
+class HeadCalibration:
+    """One stereo head of a rig: its name and its two posed cameras."""
+
+    name: str
+    left: PosedCamera
+    right: PosedCamera
+
+    @property
+    def cameras(self) -> tuple[PosedCamera, PosedCamera]:
+        """Left, right."""
+        return self.left, self.right
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration:
+    """Everything a rig's cameras are known to be, in the rig frame.
+
+    Attributes
+    ----------
+    id
+        Identity of this calibration; each record carries it.
+    rig
+        Name of the rig, such as ``front_left``; a shot names its rig.
+    side
+        Side of the vehicle, ``left`` or ``right``.
+    heads
+        The heads, in the order in which a shot gives their images.
+    vehicle_from_rig
+        Pose of the rig in the vehicle frame (ISO 8855).
+    vehicle_from_rig_measured
+        True when a gauge measured it, False when it is nominal.
+    covariance
+        (P, P) joint covariance of all camera parameters where known, ordered as `parameter_names`; per
+        camera: rotation about its own axes (3, radians, see `RigidTransform.perturbed`), centre in the rig
+        frame (3, millimetres), then `CameraModel.parameters`.
+    """
+
+    id: str
+    rig: str
+    side: Side
+    heads: tuple[HeadCalibration, ...]
+    vehicle_from_rig: RigidTransform
+    vehicle_from_rig_measured: bool = False
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.side not in ("left", "right"):
+            raise DegenerateInputError(field="side", expected="'left' or 'right'", seen=f"'{self.side}'")
+        if not self.heads:
+            raise DegenerateInputError(field="heads", expected="at least one head", seen="none")
+        size = len(self.parameter_names)
+        if self.covariance is not None and self.covariance.shape != (size, size):
+            raise DegenerateInputError(
+                field="covariance",
+                expected=f"a {size} × {size} matrix, one row per camera parameter",
+                seen=f"shape {self.covariance.shape}",
+            )
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the rows of `covariance`, such as ``head_1.left.rx``."""
+        pose = ("rx", "ry", "rz", "cx_mm", "cy_mm", "cz_mm")
+        return tuple(
+            f"{head.name}.{side}.{name}"
+            for head in self.heads
+            for side, camera in (("left", head.left), ("right", head.right))
+            for name in (*pose, *camera.model.parameter_names)
+        )
+
+
+def nominal_vehicle_from_rig(side: Side) -> RigidTransform:
+    """Rotation of a rig whose axes lie along the vehicle's: z outboard, y up, x = y × z; no translation.
+
+    On the left x points backward, on the right forward.
+    """
+    if side == "left":
+        return RigidTransform(np.array([[-1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]]), np.zeros(3))
+    return RigidTransform(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class StereoImages:
+    """The two images of one head: (height, width), one channel, 8 or 16 bit, of one exposure."""
+
+    left: Image
+    right: Image
+
+
+@dataclass(frozen=True)
+class MeasureSettings:
+    """What the station's configuration may choose of the measurement.
+
+    Attributes
+    ----------
+    depth_range_mm
+        Lowest and highest z, rig frame, in which the tyre's surface may lie. Must cover the wheel's travel;
+        narrower than the depth that one line spacing stands for, left and right lines match uniquely.
+    method
+        ``revolution``: surface of revolution with a free profile; ``plane``: robust plane, the simple
+        alternative, which is biased where a head sees an uneven part of the sidewall.
+    minimum_points
+        Fewer accepted points per head than this refuse the measurement.
+    maximum_angle
+        Largest believable camber or toe, radians; beyond it the measurement is refused.
+    coverage_factor
+        k of the expanded uncertainty; 2 for about 95 %.
+    """
+
+    depth_range_mm: tuple[float, float] = (-60.0, 60.0)
+    method: Literal["revolution", "plane"] = "revolution"
+    minimum_points: int = 300
+    maximum_angle: float = math.radians(10.0)
+    coverage_factor: float = 2.0
+
+
+class RefusalCode(enum.StrEnum):
+    """Why a wheel was not measured."""
+
+    WRONG_IMAGES = "wrong_images"
+    HEAD_DARK = "head_dark"
+    HEAD_SATURATED = "head_saturated"
+    TOO_FEW_POINTS = "too_few_points"
+    NO_CORRESPONDENCE = "no_correspondence"
+    NOT_A_WHEEL = "not_a_wheel"
+    OUTSIDE_VOLUME = "outside_volume"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A measurement that could not be made; never true, so `if measurement:` reads well.
+
+    Attributes
+    ----------
+    code
+        For programs.
+    reason
+        For people: what was seen, and what to do.
+    """
+
+    code: RefusalCode
+    reason: str
+
+    def __bool__(self) -> bool:
+        return False
+
+
+@dataclass(frozen=True)
+class HeadQuality:
+    """What one head contributed: points used and offered, RMS of its residuals in millimetres."""
+
+    name: str
+    points: int
+    points_offered: int
+    residual_rms_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class WheelMeasurement:
+    """The tyre plane of one exposure.
+
+    Attributes
+    ----------
+    camber, toe
+        Radians, signs as the conventions say.
+    camber_u, toe_u
+        Standard uncertainties, radians. They cover image noise and model misfit, and the calibration where
+        its covariance is known; not the run-out of the wheel, nor the pose of the rig in the vehicle.
+    angle_covariance
+        (2, 2) covariance of (camber, toe), radians².
+    normal
+        (3,) outboard unit normal of the tyre plane, rig frame.
+    centre
+        (3,) where the axis meets the mean height of the sidewall, rig frame, millimetres.
+    offset_mm
+        Signed distance of the plane from the rig's origin along `normal`.
+    points_used
+        Points that carried weight.
+    residual_rms_mm
+        RMS of their residuals along the normal.
+    heads
+        Quality per head.
+    method
+        The fit that was used, and that it is a tyre plane: ``tyre_plane/revolution`` or ``tyre_plane/plane``.
+    coverage_factor
+        k of `camber_u95` and `toe_u95`.
+    """
+
+    camber: float
+    toe: float
+    angle_covariance: Array
+    normal: Array
+    centre: Array
+    offset_mm: float
+    points_used: int
+    residual_rms_mm: float
+    heads: tuple[HeadQuality, ...]
+    method: str
+    coverage_factor: float = 2.0
+    outcome: str = field(default="measured", init=False)
+
+    @property
+    def camber_u(self) -> float:
+        """Standard uncertainty of camber, radians."""
+        return float(math.sqrt(self.angle_covariance[0, 0]))
+
+    @property
+    def toe_u(self) -> float:
+        """Standard uncertainty of toe, radians."""
+        return float(math.sqrt(self.angle_covariance[1, 1]))
+
+    @property
+    def camber_u95(self) -> float:
+        """Expanded uncertainty of camber, radians."""
+        return self.coverage_factor * self.camber_u
+
+    @property
+    def toe_u95(self) -> float:
+        """Expanded uncertainty of toe, radians."""
+        return self.coverage_factor * self.toe_u

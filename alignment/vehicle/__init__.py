@@ -1,0 +1,1 @@
+"""Camber, toe, axle and vehicle angles, from wheel axes alone."""

@@ -1,0 +1,1 @@
+"""Plane, surface of revolution and spin axis of one wheel, with uncertainty."""

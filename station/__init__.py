@@ -1,0 +1,1 @@
+"""The application: configuration, measuring cycle, line (CAN) interface, command line."""
