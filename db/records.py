@@ -1,0 +1,343 @@
+"""What the station hands to the result store: frozen values, one per row.
+
+Angles are radians, times are aware datetimes (UTC in the database), `…_monotonic_s` is seconds on the
+station's monotonic clock and only comparable within one run of the program, `device_time_s` is seconds on
+the camera's own clock.
+
+Three kinds of outcome are kept apart: the vehicle's (`ok`, `nok`), the station's (`fault`) and the
+operator's (`aborted`). What one row alone must fulfil is checked by the database (`db.schema`); the records
+check what a database cannot see in one row or would store differently: text, finite numbers, aware times,
+and that the outcome of a cycle follows from its parts.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from datetime import datetime
+from types import NoneType
+from typing import Any
+from uuid import UUID, uuid4
+
+from alignment.errors import InputError
+from alignment.vehicle.axles import ThrustSign
+
+_PLAIN_TYPES = (str, int, float, datetime, UUID, NoneType)
+
+
+class CycleOutcome(enum.StrEnum):
+    """How a cycle ended: the vehicle is good or not, or the station failed, or the operator stopped it."""
+
+    OK = "ok"
+    NOK = "nok"
+    FAULT = "fault"
+    ABORTED = "aborted"
+
+
+class WheelOutcome(enum.StrEnum):
+    """Whether a wheel was measured, was refused by the measurement, or never got that far."""
+
+    MEASURED = "measured"
+    REFUSED = "refused"
+    FAULT = "fault"
+
+
+class Verdict(enum.StrEnum):
+    """The comparison with the limits; `none` where there is no value or no limit to compare."""
+
+    OK = "ok"
+    NOK = "nok"
+    NONE = "none"
+
+
+class Severity(enum.StrEnum):
+    """How much an event matters."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+def _check_values(record: Any) -> None:
+    """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
+    for item in fields(record):
+        value = getattr(record, item.name)
+        name = f"{type(record).__name__}.{item.name}"
+        if isinstance(value, str):
+            # PostgreSQL stores no NUL, and neither database a lone surrogate.
+            if "\0" in value or any("\ud800" <= character <= "\udfff" for character in value):
+                raise InputError(
+                    field=name, expected="text without NUL and lone surrogates", seen=ascii(value)
+                )
+        elif isinstance(value, float):
+            # SQLite turns NaN into NULL without a word.
+            if not math.isfinite(value):
+                raise InputError(field=name, expected="a finite number", seen=str(value))
+        elif isinstance(value, datetime):
+            if value.utcoffset() is None:
+                raise InputError(field=name, expected="a time with its time zone", seen=str(value))
+        elif not (isinstance(value, _PLAIN_TYPES) or _is_container(value)):
+            # A numpy integer would reach SQLite as a blob.
+            raise InputError(field=name, expected="a plain Python value", seen=type(value).__name__)
+
+
+def _is_container(value: object) -> bool:
+    return isinstance(value, (tuple, Mapping)) or is_dataclass(value)
+
+
+@dataclass(frozen=True)
+class VehicleRecord:
+    """A vehicle: its identification number and the type whose limits apply."""
+
+    vin: str
+    vehicle_type: str
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class WheelRecord:
+    """The result of one wheel.
+
+    Attributes
+    ----------
+    wheel
+        Name of the wheel, which is its rig's: ``front_left``.
+    outcome, verdict
+        A wheel that was not measured has the verdict `none`, no angles, and a reason.
+    measured_utc, device_time_s
+        When its images were taken: host time, and the camera's own clock.
+    camber, toe, camber_u, toe_u
+        Radians, with standard uncertainties (greater than zero).
+    coverage_factor
+        k of the expanded uncertainty that the verdict used.
+    method
+        How, and of what: ``tyre_plane/revolution``; a spin axis says so here.
+    calibration_id
+        The calibration it rests on; recorded before the cycle is written.
+    zero_measurement_id
+        The zero measurement that was subtracted, when there was one.
+    reason_code, reason_text
+        Why it was not measured or not good, for programs and for people.
+    camber_low, camber_high, toe_low, toe_high
+        The limits used, radians; None where there is none.
+    guard_band
+        Whether the limits were narrowed by the expanded uncertainty; None without limits.
+    points_used, residual_rms_mm, duration_s
+        Quality of the fit, and the time the measurement took.
+    """
+
+    wheel: str
+    outcome: WheelOutcome
+    verdict: Verdict = Verdict.NONE
+    measured_utc: datetime | None = None
+    device_time_s: float | None = None
+    camber: float | None = None
+    toe: float | None = None
+    camber_u: float | None = None
+    toe_u: float | None = None
+    coverage_factor: float | None = None
+    method: str | None = None
+    calibration_id: str | None = None
+    zero_measurement_id: str | None = None
+    reason_code: str | None = None
+    reason_text: str | None = None
+    camber_low: float | None = None
+    camber_high: float | None = None
+    toe_low: float | None = None
+    toe_high: float | None = None
+    guard_band: bool | None = None
+    points_used: int | None = None
+    residual_rms_mm: float | None = None
+    duration_s: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class AxleRecord:
+    """The angles of one axle (``front``, ``rear``), radians; an axle with an unmeasured wheel has no record.
+
+    Limits, `guard_band` and `coverage_factor` as in `WheelRecord`.
+    """
+
+    axle: str
+    total_toe: float
+    total_toe_u: float
+    camber_difference: float
+    camber_difference_u: float
+    verdict: Verdict = Verdict.NONE
+    total_toe_low: float | None = None
+    total_toe_high: float | None = None
+    camber_difference_low: float | None = None
+    camber_difference_high: float | None = None
+    guard_band: bool | None = None
+    coverage_factor: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class VehicleAnglesRecord:
+    """The angles that need all wheels, radians; `thrust_sign` says which side is positive.
+
+    Limits, `guard_band` and `coverage_factor` as in `WheelRecord`.
+    """
+
+    thrust_angle: float
+    thrust_angle_u: float
+    thrust_sign: ThrustSign
+    front_toe_left_to_thrust: float
+    front_toe_right_to_thrust: float
+    verdict: Verdict = Verdict.NONE
+    thrust_angle_low: float | None = None
+    thrust_angle_high: float | None = None
+    guard_band: bool | None = None
+    coverage_factor: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class CycleRecord:
+    """One measuring cycle, from the trigger to the outcome, with everything that explains it.
+
+    Attributes
+    ----------
+    uuid
+        Made when the trigger is received; writing the same cycle twice stores it once.
+    trigger_sequence
+        The PLC's own number of the trigger; it may start again, so it identifies nothing.
+    received_utc, received_monotonic_s
+        When the trigger came.
+    measured_utc, measured_monotonic_s
+        When the last wheel was done; None where the cycle ended before. The wall clock may be set back in
+        between, so durations come from the monotonic pair.
+    reason_code, reason_text
+        Why the station failed or the operator aborted; None for `ok` and `nok`, which the wheels explain.
+    wheels, axles
+        Kept sorted by name; their order carries no meaning.
+
+    Raises
+    ------
+    InputError
+        When the outcome does not follow from the parts: `ok` needs every wheel measured, at least one verdict
+        `ok` and none `nok`; `nok` needs a verdict `nok`.
+    """
+
+    uuid: UUID
+    station: str
+    trigger_sequence: int
+    received_utc: datetime
+    outcome: CycleOutcome
+    software_version: str
+    config_hash: str
+    vehicle: VehicleRecord | None = None
+    received_monotonic_s: float | None = None
+    measured_utc: datetime | None = None
+    measured_monotonic_s: float | None = None
+    reason_code: str | None = None
+    reason_text: str | None = None
+    wheels: tuple[WheelRecord, ...] = ()
+    axles: tuple[AxleRecord, ...] = ()
+    vehicle_angles: VehicleAnglesRecord | None = None
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+        object.__setattr__(self, "wheels", tuple(sorted(self.wheels, key=lambda wheel: wheel.wheel)))
+        object.__setattr__(self, "axles", tuple(sorted(self.axles, key=lambda axle: axle.axle)))
+        for name, names in (
+            ("wheels", [wheel.wheel for wheel in self.wheels]),
+            ("axles", [axle.axle for axle in self.axles]),
+        ):
+            if len(set(names)) != len(names):
+                raise InputError(
+                    field=f"CycleRecord.{name}", expected="each name once", seen=", ".join(names)
+                )
+        self._check_outcome()
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """The verdicts of wheels, axles and vehicle angles."""
+        whole = () if self.vehicle_angles is None else (self.vehicle_angles.verdict,)
+        return (*(wheel.verdict for wheel in self.wheels), *(axle.verdict for axle in self.axles), *whole)
+
+    def _check_outcome(self) -> None:
+        verdicts = self.verdicts
+        if self.outcome is CycleOutcome.OK:
+            unmeasured = [w.wheel for w in self.wheels if w.outcome is not WheelOutcome.MEASURED]
+            if unmeasured or Verdict.NOK in verdicts or Verdict.OK not in verdicts:
+                raise InputError(
+                    field="CycleRecord.outcome",
+                    expected="for 'ok' every wheel measured, at least one verdict 'ok' and none 'nok'",
+                    seen=f"verdicts {', '.join(verdicts) or 'none at all'}"
+                    + (f"; not measured: {', '.join(unmeasured)}" if unmeasured else ""),
+                )
+        if self.outcome is CycleOutcome.NOK and Verdict.NOK not in verdicts:
+            raise InputError(
+                field="CycleRecord.outcome",
+                expected="for 'nok' a verdict 'nok'",
+                seen=f"verdicts {', '.join(verdicts) or 'none at all'}",
+            )
+
+
+@dataclass(frozen=True)
+class CalibrationRecord:
+    """A calibration of one rig: its identity, its validity, and the JSON document itself."""
+
+    id: str
+    rig: str
+    valid_from_utc: datetime
+    document: Mapping[str, Any]
+    valid_until_utc: datetime | None = None
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+        try:
+            json.dumps(self.document, allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                field="CalibrationRecord.document", expected="a JSON document", seen=str(error)
+            ) from error
+
+
+@dataclass(frozen=True)
+class EventRecord:
+    """Something that happened at a station and explains results: a start, a fault, a clock that was set."""
+
+    utc: datetime
+    station: str
+    severity: Severity
+    source: str
+    code: str
+    text: str
+    monotonic_s: float | None = None
+    uuid: UUID = field(default_factory=uuid4)
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class StoredCycle:
+    """A cycle read back: what was written, and when the store committed it."""
+
+    record: CycleRecord
+    stored_utc: datetime
+
+
+@dataclass(frozen=True)
+class StoredWheel:
+    """One wheel result of a vehicle, with the cycle it belongs to."""
+
+    cycle: UUID
+    station: str
+    received_utc: datetime
+    wheel: WheelRecord
