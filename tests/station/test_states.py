@@ -1,0 +1,46 @@
+import itertools
+
+import pytest
+
+from station.states import TRANSITIONS, IllegalTransitionError, State, StateMachine
+
+PATHS = {
+    State.IDLE: [],
+    State.ARMED: [State.ARMED],
+    State.MEASURING: [State.ARMED, State.MEASURING],
+    State.EVALUATING: [State.ARMED, State.EVALUATING],
+    State.STORING: [State.ARMED, State.EVALUATING, State.STORING],
+    State.REPORTING: [State.ARMED, State.EVALUATING, State.STORING, State.REPORTING],
+    State.FAULT: [State.FAULT],
+}
+
+
+def machine_in(state: State) -> tuple[StateMachine, list[State]]:
+    seen: list[State] = []
+    machine = StateMachine(seen.append)
+    for step in PATHS[state]:
+        machine.enter(step)
+    return machine, seen
+
+
+def test_every_state_has_its_row() -> None:
+    assert set(TRANSITIONS) == set(State)
+
+
+@pytest.mark.parametrize(("source", "target"), list(itertools.product(State, State)))
+def test_only_the_steps_of_the_table_are_possible(source: State, target: State) -> None:
+    machine, seen = machine_in(source)
+    told = list(seen)
+    if target in TRANSITIONS[source]:
+        machine.enter(target)
+        assert machine.state is target
+        assert seen == [*told, target]
+    else:
+        with pytest.raises(IllegalTransitionError, match=f"in state '{source}'"):
+            machine.enter(target)
+        assert machine.state is source
+        assert seen == told
+
+
+def test_results_are_never_reported_without_passing_the_store() -> None:
+    assert {state for state, targets in TRANSITIONS.items() if State.REPORTING in targets} == {State.STORING}
