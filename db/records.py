@@ -301,11 +301,13 @@ class CalibrationRecord:
     def __post_init__(self) -> None:
         _check_values(self)
         try:
-            json.dumps(self.document, allow_nan=False)
+            text = json.dumps(self.document, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise InputError(
                 field="CalibrationRecord.document", expected="a JSON document", seen=str(error)
             ) from error
+        # As it reads back: lists for tuples, text for every key.
+        object.__setattr__(self, "document", json.loads(text))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Every schema revision of the result store, in order; `db.migrate` runs them."""

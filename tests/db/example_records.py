@@ -1,0 +1,100 @@
+"""Records of a plausible vehicle, and one variation of each bad moment."""
+
+import math
+from datetime import UTC, datetime, timedelta
+from typing import Any
+from uuid import UUID, uuid4
+
+from db.records import (
+    AxleRecord,
+    CalibrationRecord,
+    CycleOutcome,
+    CycleRecord,
+    VehicleAnglesRecord,
+    VehicleRecord,
+    Verdict,
+    WheelOutcome,
+    WheelRecord,
+)
+
+NOON = datetime(2026, 11, 22, 12, 0, 0, 123456, tzinfo=UTC)
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+CALIBRATION = CalibrationRecord(
+    id="cal-2026-11", rig="front_left", valid_from_utc=NOON, document={"schema": "calibration", "fx": 2.5e3}
+)
+
+
+def wheel(name: str = "front_left", **changes: Any) -> WheelRecord:
+    values: dict[str, Any] = {
+        "wheel": name,
+        "outcome": WheelOutcome.MEASURED,
+        "verdict": Verdict.OK,
+        "measured_utc": NOON + timedelta(seconds=1),
+        "device_time_s": 12.25,
+        "camber": -math.radians(0.5),
+        "toe": math.radians(0.1),
+        "camber_u": 1e-5,
+        "toe_u": 1e-5,
+        "coverage_factor": 2.0,
+        "method": "tyre_plane/revolution",
+        "calibration_id": CALIBRATION.id,
+        "camber_low": -math.radians(1.0),
+        "camber_high": math.radians(0.0),
+        "toe_low": -math.radians(0.2),
+        "toe_high": math.radians(0.2),
+        "guard_band": True,
+        "points_used": 4321,
+        "residual_rms_mm": 0.021,
+        "duration_s": 0.19,
+    }
+    return WheelRecord(**(values | changes))
+
+
+def refused_wheel(name: str = "rear_left", **changes: Any) -> WheelRecord:
+    values: dict[str, Any] = {
+        "wheel": name,
+        "outcome": WheelOutcome.REFUSED,
+        "reason_code": "head_dark",
+        "reason_text": "head 2 sees no light: clean its window",
+    }
+    return WheelRecord(**(values | changes))
+
+
+def axle(name: str = "front", **changes: Any) -> AxleRecord:
+    values: dict[str, Any] = {
+        "axle": name,
+        "total_toe": math.radians(0.2),
+        "total_toe_u": 1.4e-5,
+        "camber_difference": 0.0,
+        "camber_difference_u": 1.4e-5,
+    }
+    return AxleRecord(**(values | changes))
+
+
+ANGLES = VehicleAnglesRecord(
+    thrust_angle=1e-4,
+    thrust_angle_u=7e-6,
+    thrust_sign="left_positive",
+    front_toe_left_to_thrust=2e-3,
+    front_toe_right_to_thrust=1e-3,
+)
+
+
+def cycle(uuid: UUID | None = None, **changes: Any) -> CycleRecord:
+    values: dict[str, Any] = {
+        "uuid": uuid or uuid4(),
+        "station": "EOL-1",
+        "trigger_sequence": 7,
+        "received_utc": NOON,
+        "received_monotonic_s": 100.0,
+        "measured_utc": NOON + timedelta(seconds=2),
+        "measured_monotonic_s": 102.0,
+        "outcome": CycleOutcome.OK,
+        "software_version": "0.1.0",
+        "config_hash": "sha256:00",
+        "vehicle": VehicleRecord("TRUEWHEEL00000001", "compact"),
+        "wheels": tuple(wheel(name) for name in WHEELS),
+        "axles": (axle("front"), axle("rear")),
+        "vehicle_angles": ANGLES,
+    }
+    return CycleRecord(**(values | changes))
