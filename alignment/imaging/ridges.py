@@ -1,0 +1,248 @@
+"""Compiled kernels that find bright ridges along the rows of an image and link them into chains.
+
+A row kernel sees lines that run steeper than about 45° to the rows; the same kernels on the transposed image
+see the others. Positions are sub-pixel: the zero of a derivative-of-Gaussian response, which does not feel a
+constant background, and which a cubic through four responses locates without locking to the pixel grid.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from alignment.values import Image
+
+Array = NDArray[np.float64]
+
+#: Columns of a table of ridge points.
+X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
+COLUMNS = 5
+_MAX_PER_ROW = 192
+
+
+def derivative_weights(sigma: float) -> Array:
+    """Weights (2M + 1,) of a derivative-of-Gaussian correlation, positive to the right, M = ⌈3σ⌉.
+
+    Their response to an image I(x) = a x is a: the unit is grey levels per pixel.
+    """
+    half = math.ceil(3.0 * sigma)
+    k = np.arange(-half, half + 1, dtype=np.float64)
+    weights = k * np.exp(-0.5 * (k / sigma) ** 2)
+    return weights / float((weights * k).sum())
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
+    """Zero in [0, 1] of the cubic through (−1, a), (0, b), (1, c), (2, d), with b > 0 ≥ c."""
+    t = b / (b - c)
+    c3 = (d - a) / 6.0 + (b - c) / 2.0
+    c2 = (a + c) / 2.0 - b
+    c1 = c - b - c2 - c3
+    for _ in range(3):
+        f = b + t * (c1 + t * (c2 + t * c3))
+        df = c1 + t * (2.0 * c2 + t * 3.0 * c3)
+        if not df < 0.0:
+            break
+        t -= f / df
+    return min(max(t, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scan_rows(
+    image: Image, box: int, weights: Array, contrast: float, step: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """Ridge points of every `step`-th row.
+
+    Parameters
+    ----------
+    image
+        (height, width), 8 or 16 bit.
+    box
+        Half width of the box derivative that finds candidates, pixels; about 1.6 times the line's sigma.
+    weights
+        Of `derivative_weights`.
+    contrast
+        Least height of a ridge over both flanks, grey levels.
+    step
+        Rows between scanned rows.
+
+    Returns
+    -------
+    table
+        (N, 5): x, y, strength (slope of the response, grey levels per pixel², the amplitude times a constant
+        of the profile), level (grey level at the ridge), squared width of the profile (pixels²).
+    starts
+        (rows + 1,) first table row of each scanned image row.
+    """
+    height, width = image.shape
+    half = (weights.size - 1) // 2
+    margin = max(half + 2, 2 * box + 2)
+    flank = 2 * box
+    rows = (height + step - 1) // step
+    starts = np.zeros(rows + 1, np.int64)
+    table = np.empty((1024, COLUMNS))
+    prefix = np.zeros(width + 1, np.int64)
+    n = 0
+    for j in range(rows):
+        y = j * step
+        row = image[y]
+        total = np.int64(0)
+        for x in range(width):
+            total += row[x]
+            prefix[x + 1] = total
+        found = 0
+        previous = np.int64(-1)
+        for x in range(margin, width - margin):
+            now = prefix[x + 1 + box] - prefix[x + 1] - prefix[x] + prefix[x - box]
+            if previous > 0 and now <= 0 and found < _MAX_PER_ROW:
+                x0 = x - 1
+                centre = (prefix[x0 + 3] - prefix[x0 - 1]) / 4.0
+                left = (prefix[x0 - flank + 2] - prefix[x0 - flank - 1]) / 3.0
+                right = (prefix[x0 + flank + 3] - prefix[x0 + flank]) / 3.0
+                if centre - max(left, right) >= contrast:
+                    # Responses around the candidate; its zero may lie one pixel aside of the box's.
+                    i = x0
+                    ra = rb = rc = rd = 0.0
+                    for _ in range(3):
+                        ra = rb = rc = rd = 0.0
+                        for k in range(-half, half + 1):
+                            w = weights[k + half]
+                            ra += w * row[i - 1 + k]
+                            rb += w * row[i + k]
+                            rc += w * row[i + 1 + k]
+                            rd += w * row[i + 2 + k]
+                        if rb <= 0.0 and i > margin - 1:
+                            i -= 1
+                        elif rc > 0.0 and i < width - margin - 1:
+                            i += 1
+                        else:
+                            break
+                    if rb > 0.0 and rc <= 0.0:
+                        t = _zero_of_cubic(ra, rb, rc, rd)
+                        slope = rb - rc
+                        base = min(left, right)
+                        if n == table.shape[0]:
+                            grown = np.empty((2 * n, COLUMNS))
+                            grown[:n] = table
+                            table = grown
+                        table[n, X] = i + t
+                        table[n, Y] = y
+                        table[n, STRENGTH] = slope
+                        table[n, LEVEL] = centre
+                        # A Gaussian of height A has slope A/σ² at its top.
+                        table[n, WIDTH2] = (centre - base) / slope
+                        n += 1
+                        found += 1
+            previous = now
+        starts[j + 1] = n
+    return table[:n], starts
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def link_rows(
+    table: Array, starts: NDArray[np.int64], step: int, gate: float, gap: int, shortest: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Link ridge points of successive rows into chains.
+
+    Parameters
+    ----------
+    table, starts
+        Of `scan_rows`.
+    step
+        Rows between scanned rows.
+    gate
+        Largest distance of a point from its chain's prediction, pixels.
+    gap
+        Scanned rows a chain may miss before it ends.
+    shortest
+        Fewer points do not make a chain.
+
+    Returns
+    -------
+    order
+        (M,) table rows, chain after chain, each from top to bottom.
+    chain_starts
+        (chains + 1,) first entry of each chain in `order`.
+    """
+    n = table.shape[0]
+    rows = starts.size - 1
+    follower = np.full(n, -1, np.int64)
+    is_head = np.ones(n, np.bool_)
+    tail = np.empty(256, np.int64)  # last point of each open chain
+    slope = np.empty(256)
+    length = np.empty(256, np.int64)
+    open_chains = 0
+    taken = np.empty(_MAX_PER_ROW, np.int64)
+    for j in range(rows):
+        lo, hi = starts[j], starts[j + 1]
+        for i in range(hi - lo):
+            taken[i] = -1
+        # Every open chain takes the nearest point to its prediction; of two that want one the nearer wins.
+        for c in range(open_chains):
+            last = tail[c]
+            dy = float(j * step) - table[last, Y]
+            expected = table[last, X] + slope[c] * dy
+            width = gate * (1.0 + 0.3 * (dy / step - 1.0))
+            if length[c] < 4:
+                width += step
+            best, best_distance = -1, width
+            for i in range(lo, hi):
+                distance = abs(table[i, X] - expected)
+                if distance < best_distance:
+                    best, best_distance = i, distance
+            if best < 0:
+                continue
+            rival = taken[best - lo]
+            if rival >= 0:
+                other = tail[rival]
+                rival_expected = table[other, X] + slope[rival] * (float(j * step) - table[other, Y])
+                if abs(table[best, X] - rival_expected) <= best_distance:
+                    continue
+            taken[best - lo] = c
+        # Points that a chain took extend it; the others open chains.
+        for i in range(lo, hi):
+            c = taken[i - lo]
+            if c >= 0:
+                last = tail[c]
+                follower[last] = i
+                is_head[i] = False
+                now = (table[i, X] - table[last, X]) / (table[i, Y] - table[last, Y])
+                keep = 0.8 if length[c] >= 4 else 0.4
+                slope[c] = now if length[c] == 1 else keep * slope[c] + (1.0 - keep) * now
+                tail[c] = i
+                length[c] += 1
+        kept = 0
+        for c in range(open_chains):
+            if float(j * step) - table[tail[c], Y] <= gap * step:
+                tail[kept], slope[kept], length[kept] = tail[c], slope[c], length[c]
+                kept += 1
+        open_chains = kept
+        for i in range(lo, hi):
+            if taken[i - lo] < 0 and open_chains < tail.size:
+                tail[open_chains] = i
+                slope[open_chains] = 0.0
+                length[open_chains] = 1
+                open_chains += 1
+    order = np.empty(n, np.int64)
+    chain_starts = np.empty(n + 1, np.int64)
+    chain_starts[0] = 0
+    chains = 0
+    m = 0
+    for i in range(n):
+        if not is_head[i]:
+            continue
+        first = m
+        k = i
+        while k >= 0:
+            order[m] = k
+            m += 1
+            k = follower[k]
+        if m - first < shortest:
+            m = first
+        else:
+            chains += 1
+            chain_starts[chains] = m
+    return order[:m], chain_starts[: chains + 1]

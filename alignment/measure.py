@@ -1,0 +1,302 @@
+"""The heart: six images of one exposure and a calibration in, camber and toe of the tyre plane out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.errors import DegenerateInputError
+from alignment.imaging.lines import LightLines, extract_light_lines
+from alignment.stereo.correspondence import Candidates, match_lines
+from alignment.stereo.surface import PlaneHypothesis, nearest_candidates, plane_hypotheses
+from alignment.values import (
+    HeadCalibration,
+    HeadQuality,
+    Image,
+    MeasureSettings,
+    Refusal,
+    RefusalCode,
+    RigCalibration,
+    StereoImages,
+    WheelMeasurement,
+)
+from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
+from alignment.wheel.plane import fit_plane
+from alignment.wheel.revolution import RevolutionFit, fit_revolution
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
+_SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
+_STRETCH = 25  # line points that count as one cluster
+_GOOD_SCALE = 6.0  # residuals in units of the image noise below which no other hypothesis needs a look
+_WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
+_LEAST_SHARE = 0.25  # of the offered points
+_FULL_SCALE_SHARE = 0.5
+_FARTHEST_AXIS = 60.0  # mm
+
+
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Candidates of all heads in one table; `head` tells whose they are."""
+
+    points: Array
+    sigma: Array
+    rays: Array
+    group: Index
+    cluster: Index
+    head: Index
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A fitted wheel and which candidates it chose."""
+
+    fit: RevolutionFit
+    chosen: NDArray[np.bool_]
+
+
+def measure_wheel(
+    images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+) -> WheelMeasurement | Refusal:
+    """Measure the tyre plane of one wheel.
+
+    Light lines are found in each image, matched between left and right along epipolar lines, triangulated
+    into the rig frame, and a surface of revolution with a free profile is fitted to the points of all heads.
+    Of several matchings (a periodic pattern allows its neighbours too) the one counts whose points make a
+    body of revolution.
+
+    Parameters
+    ----------
+    images
+        One pair per head, in the order of `calibration.heads`; (height, width), 8 or 16 bit.
+    calibration
+        Cameras and pose of the rig.
+    settings
+        See `MeasureSettings`.
+
+    Returns
+    -------
+    WheelMeasurement or Refusal
+        A refusal says what was wrong and what to do; it is false.
+    """
+    wrong = _check_images(images, calibration)
+    if wrong:
+        return wrong
+    matched: list[Candidates] = []
+    for pair, head in zip(images, calibration.heads, strict=True):
+        lines = [extract_light_lines(image) for image in (pair.left, pair.right)]
+        for image, found, side in zip((pair.left, pair.right), lines, ("left", "right"), strict=True):
+            if found is None or len(found.points) < settings.minimum_points // 4:
+                return _no_light(image, head, side)
+            if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
+                return Refusal(
+                    RefusalCode.HEAD_SATURATED,
+                    f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
+                    "or shield the station from the sun",
+                )
+        left, right = lines
+        assert left is not None
+        assert right is not None
+        candidates = match_lines(left, right, head, settings.depth_range_mm)
+        if len(candidates.points) < settings.minimum_points:
+            return _no_match(candidates, head, settings)
+        matched.append(candidates)
+    pool = _pool(matched)
+    slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
+    hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
+    surface = _best_surface(pool, hypotheses)
+    if isinstance(surface, Refusal):
+        return surface
+    return _evaluate(pool, matched, surface, calibration, settings)
+
+
+def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
+    if len(images) != len(calibration.heads):
+        return Refusal(
+            RefusalCode.WRONG_IMAGES,
+            f"{len(images)} image pairs for a rig of {len(calibration.heads)} heads; "
+            "take the calibration of the rig that made the shot",
+        )
+    for pair, head in zip(images, calibration.heads, strict=True):
+        for image, camera, side in zip((pair.left, pair.right), head.cameras, ("left", "right"), strict=True):
+            size = (camera.model.height, camera.model.width)
+            if image.shape != size or image.dtype not in (np.uint8, np.uint16):
+                return Refusal(
+                    RefusalCode.WRONG_IMAGES,
+                    f"{head.name} {side}: an image of shape {image.shape} and type {image.dtype} where the "
+                    f"calibration has {size}, 8 or 16 bit, one channel",
+                )
+    return None
+
+
+def _no_light(image: Image, head: HeadCalibration, side: str) -> Refusal:
+    return Refusal(
+        RefusalCode.HEAD_DARK,
+        f"{head.name} {side}: no light lines (brightest pixel {int(image.max())}); check projector, "
+        "lens cap, exposure, and that a wheel stands in front of the head",
+    )
+
+
+def _no_match(candidates: Candidates, head: HeadCalibration, settings: MeasureSettings) -> Refusal:
+    lo, hi = settings.depth_range_mm
+    return Refusal(
+        RefusalCode.NO_CORRESPONDENCE,
+        f"{head.name}: only {len(candidates.points)} of {candidates.offered} line points have a partner "
+        f"between z = {lo:g} and {hi:g} mm; check that left and right images are not swapped, that the head "
+        "has not moved since its calibration, and that the wheel is in place",
+    )
+
+
+def _full_scale_share(image: Image, lines: LightLines) -> float:
+    """Share of line points whose pixel is at the top of the image's range."""
+    top = image.max()
+    if image.dtype == np.uint8 and top < 255:
+        return 0.0
+    column, row = np.rint(lines.points).astype(np.intp).T
+    share = float((image[row, column] >= top).mean())
+    return share
+
+
+def _pool(matched: list[Candidates]) -> _Pool:
+    groups, clusters, heads = [], [], []
+    next_group = 0
+    for k, c in enumerate(matched):
+        groups.append(c.left_point + next_group)
+        clusters.append((k, c.left_line, c.left_point // _STRETCH))
+        heads.append(np.full(len(c.points), k))
+        next_group += int(c.left_point.max()) + 1
+    key = np.concatenate([(k * 4096 + line) * 65536 + stretch for k, line, stretch in clusters])
+    _, cluster = np.unique(key, return_inverse=True)
+    return _Pool(
+        points=np.concatenate([c.points for c in matched]),
+        sigma=np.concatenate([c.sigma for c in matched]),
+        rays=np.concatenate([c.rays for c in matched]),
+        group=np.concatenate(groups),
+        cluster=cluster.astype(np.int64),
+        head=np.concatenate(heads),
+    )
+
+
+def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | Refusal:
+    """Fit the hypotheses in turn; the one with the least residuals in units of the noise is the wheel."""
+    best: _Surface | None = None
+    for hypothesis in hypotheses:
+        try:
+            surface = _fit_hypothesis(pool, hypothesis)
+        except DegenerateInputError:
+            continue
+        if best is None or surface.fit.scale < best.fit.scale:
+            best = surface
+        if best.fit.scale < _GOOD_SCALE:
+            break
+    if best is None:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            "the points of the heads do not lie around one axis; check that the wheel stands in the "
+            "measuring volume and that nothing else is in view",
+        )
+    return best
+
+
+def _fit_hypothesis(pool: _Pool, hypothesis: PlaneHypothesis) -> _Surface:
+    c = hypothesis.coefficients
+    heights = pool.points[:, 2] - (c[0] + pool.points[:, :2] @ c[1:])
+    chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
+    fit = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]))
+    # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
+    heights = np.nan_to_num(fit.height(pool.points), nan=np.inf)
+    again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+    if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
+        fit, chosen = _fit(pool, again, fit.normal, fit.centre), again
+    return _Surface(fit, chosen)
+
+
+def _fit(pool: _Pool, chosen: NDArray[np.bool_], normal: Array, centre: Array) -> RevolutionFit:
+    return fit_revolution(
+        pool.points[chosen], pool.sigma[chosen], pool.rays[chosen], pool.cluster[chosen], normal, centre
+    )
+
+
+def _evaluate(
+    pool: _Pool,
+    matched: list[Candidates],
+    surface: _Surface,
+    calibration: RigCalibration,
+    settings: MeasureSettings,
+) -> WheelMeasurement | Refusal:
+    fit, head = surface.fit, pool.head[surface.chosen]
+    used = fit.weights > 0
+    qualities = []
+    for k, (candidates, camera_pair) in enumerate(zip(matched, calibration.heads, strict=True)):
+        mine = used & (head == k)
+        count = int(mine.sum())
+        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
+            return Refusal(
+                RefusalCode.TOO_FEW_POINTS,
+                f"{camera_pair.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
+                f"{settings.minimum_points} and a quarter of them are needed; check for dirt, an obstacle, "
+                "or a head that moved since its calibration",
+            )
+        qualities.append(
+            HeadQuality(camera_pair.name, count, candidates.offered, _rms(fit.residuals, fit.weights, mine))
+        )
+    rms = _rms(fit.residuals, fit.weights, used)
+    if rms > _WORST_RMS:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
+            "check the calibration and what stands in front of the heads",
+        )
+    points, weights = pool.points[surface.chosen][used], fit.weights[used]
+    normal, covariance, tilt_axes = fit.normal, fit.covariance, fit.tilt_axes
+    if settings.method == "plane":
+        plane = fit_plane(points, pool.cluster[surface.chosen][used], fit.normal)
+        normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
+        rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
+    height = float(weights @ ((points - fit.centre) @ normal) / weights.sum())
+    centre = fit.centre + height * normal
+    rotation = calibration.vehicle_from_rig.rotation
+    in_vehicle = rotation @ normal
+    try:
+        camber, toe = camber_toe(in_vehicle, calibration.side)
+    except DegenerateInputError:
+        return _outside("its plane does not face the heads")
+    if max(abs(camber), abs(toe)) > settings.maximum_angle:
+        return _outside(
+            f"camber {np.degrees(camber):.2f}°, toe {np.degrees(toe):.2f}°, believable are at most "
+            f"±{np.degrees(settings.maximum_angle):.1f}°"
+        )
+    if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
+        return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
+    turn = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation @ tilt_axes.T
+    return WheelMeasurement(
+        camber=camber,
+        toe=toe,
+        angle_covariance=turn @ covariance @ turn.T,
+        normal=normal,
+        centre=centre,
+        offset_mm=float(centre @ normal),
+        points_used=int(used.sum()),
+        residual_rms_mm=rms,
+        heads=tuple(qualities),
+        method=f"tyre_plane/{settings.method}",
+        coverage_factor=settings.coverage_factor,
+    )
+
+
+def _rms(residuals: Array, weights: Array, mask: NDArray[np.bool_]) -> float:
+    """Weighted root mean square over the mask; 0 for none."""
+    total = float(weights[mask].sum())
+    return float(np.sqrt(weights[mask] @ residuals[mask] ** 2 / total)) if total > 0 else 0.0
+
+
+def _outside(what: str) -> Refusal:
+    return Refusal(
+        RefusalCode.OUTSIDE_VOLUME,
+        f"the wheel is outside the measuring volume: {what}; check its position and the calibration's rig",
+    )

@@ -1,0 +1,80 @@
+"""A head in the normal case of stereo: both images seen along one virtual axis, rows along epipolar lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
+from alignment.geometry.distortion import unproject_pixel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rectification:
+    """The rectified frame of a head: origin in the left camera's centre, x towards the right camera's.
+
+    A point (x, y, z) of it appears at u = x/z, v = y/z on the left and u = (x − baseline)/z, same v, on the
+    right, so its depth is baseline / (u_left − u_right).
+
+    Attributes
+    ----------
+    rectified_from_rig
+        (3, 3) rotation.
+    origin
+        (3,) centre of the left camera, rig frame, millimetres.
+    baseline
+        Distance of the cameras' centres, millimetres.
+    """
+
+    rectified_from_rig: Array
+    origin: Array
+    baseline: float
+
+    @classmethod
+    def of(cls, left: PosedCamera, right: PosedCamera) -> Rectification:
+        """Build from the two posed cameras of a head.
+
+        Raises
+        ------
+        DegenerateInputError
+            When the centres coincide or the cameras look along the baseline.
+        """
+        base = right.rig_from_camera.translation - left.rig_from_camera.translation
+        length = float(np.linalg.norm(base))
+        axis = left.rig_from_camera.rotation[:, 2] + right.rig_from_camera.rotation[:, 2]
+        if length < 1e-6 or np.linalg.norm(np.cross(base / max(length, 1e-6), axis)) < 0.2:
+            raise DegenerateInputError(
+                field="rig_from_camera",
+                expected="two cameras side by side that look the same way",
+                seen=f"a baseline of {length:.3f} mm",
+            )
+        x = base / length
+        y = np.cross(axis, x)
+        y /= np.linalg.norm(y)
+        return cls(np.array([x, y, np.cross(x, y)]), left.rig_from_camera.translation, length)
+
+    def coordinates(self, camera: PosedCamera, pixels: Array) -> tuple[Array, int]:
+        """Rectified (u, v) of pixels (N, 2), and how many pixels the lens model cannot invert."""
+        turn = self.rectified_from_rig @ camera.rig_from_camera.rotation
+        uv: Array
+        uv, bad = _rectify(np.ascontiguousarray(pixels), camera.model.packed(), turn)
+        return uv, int(bad)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rectify(pixels: Array, packed: Array, turn: Array) -> tuple[Array, int]:
+    out = np.empty((pixels.shape[0], 2))
+    bad = 0
+    for i in range(pixels.shape[0]):
+        x, y, ok = unproject_pixel(pixels[i, 0], pixels[i, 1], packed)
+        z = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2]
+        out[i, 0] = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) / z
+        out[i, 1] = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) / z
+        bad += not (ok and z > 0.0)
+    return out, bad

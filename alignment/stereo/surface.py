@@ -1,0 +1,164 @@
+"""Which of the candidates of a point is real: hypotheses of one surface that all heads share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_GATE = 25.0  # mm; a sidewall's relief about its mean plane, with room for the first, rough plane
+_TILTS = (-0.12, 0.0, 0.12)  # start values of dz/dx and dz/dy
+_Z_STEP = 8.0
+_NEAR_BEST = 0.75  # a hypothesis this much worse than the best is not worth a fit
+_SAMPLES = 1500
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneHypothesis:
+    """The plane z = coefficients · (1, x, y), rig frame, and the share of line points it explains."""
+
+    coefficients: Array
+    score: float
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve3(a: Array, b: Array) -> tuple[float, float, float, bool]:
+    det = (
+        a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
+        - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
+        + a[0, 2] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
+    )
+    if not abs(det) > 1e-9 * a[0, 0] * a[1, 1] * a[2, 2]:
+        return 0.0, 0.0, 0.0, False
+    x = (
+        b[0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
+        - a[0, 1] * (b[1] * a[2, 2] - a[1, 2] * b[2])
+        + a[0, 2] * (b[1] * a[2, 1] - a[1, 1] * b[2])
+    )
+    y = (
+        a[0, 0] * (b[1] * a[2, 2] - a[1, 2] * b[2])
+        - b[0] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
+        + a[0, 2] * (a[1, 0] * b[2] - b[1] * a[2, 0])
+    )
+    z = (
+        a[0, 0] * (a[1, 1] * b[2] - b[1] * a[2, 1])
+        - a[0, 1] * (a[1, 0] * b[2] - b[1] * a[2, 0])
+        + b[0] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
+    )
+    return x / det, y / det, z / det, True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grow(points: Array, group: Index, start: Array, gate: float, slope_limit: float) -> tuple[Array, float]:
+    """Refine a plane on the nearest candidate of each group; the score counts groups by biweight."""
+    plane = start.copy()
+    score = 0.0
+    n = points.shape[0]
+    for iteration in range(8):
+        width = gate * (2.0 if iteration < 2 else 1.0)
+        a = np.zeros((3, 3))
+        b = np.zeros(3)
+        score = 0.0
+        i = 0
+        while i < n:
+            best, best_distance = -1, width
+            g = group[i]
+            while i < n and group[i] == g:
+                z = plane[0] + plane[1] * points[i, 0] + plane[2] * points[i, 1]
+                distance = abs(points[i, 2] - z)
+                if distance < best_distance:
+                    best, best_distance = i, distance
+                i += 1
+            if best >= 0:
+                w = (1.0 - (best_distance / width) ** 2) ** 2
+                x, y, z = points[best, 0], points[best, 1], points[best, 2]
+                a[0, 0] += w
+                a[0, 1] += w * x
+                a[0, 2] += w * y
+                a[1, 1] += w * x * x
+                a[1, 2] += w * x * y
+                a[2, 2] += w * y * y
+                b[0] += w * z
+                b[1] += w * x * z
+                b[2] += w * y * z
+                score += w
+        a[1, 0], a[2, 0], a[2, 1] = a[0, 1], a[0, 2], a[1, 2]
+        p, q, r, ok = _solve3(a, b)
+        if not ok or abs(q) > slope_limit or abs(r) > slope_limit:
+            return plane, 0.0
+        plane[0], plane[1], plane[2] = p, q, r
+    return plane, score
+
+
+def plane_hypotheses(
+    points: Array, group: Index, depth_range: tuple[float, float], slope_limit: float
+) -> list[PlaneHypothesis]:
+    """Planes near which as many line points as possible have a candidate, best first.
+
+    Wrong neighbours of a periodic pattern form ghost surfaces of their own, a line spacing away in
+    disparity; from each start value a plane grows on the candidates near it, all heads together.
+
+    Parameters
+    ----------
+    points
+        (N, 3) candidates of all heads, rig frame, millimetres.
+    group
+        (N,) candidates of one line point carry the same number and stand together.
+    depth_range
+        Lowest and highest z of the surface, millimetres.
+    slope_limit
+        Largest believable |dz/dx| and |dz/dy|.
+    """
+    if len(points) < 3:
+        return []
+    # Whole groups, evenly thinned.
+    first = np.flatnonzero(np.r_[True, group[1:] != group[:-1]])
+    chosen = first[:: max(1, len(first) // _SAMPLES)]
+    take = np.isin(group, group[chosen])
+    sample, names = np.ascontiguousarray(points[take]), group[take]
+    found: list[PlaneHypothesis] = []
+    lo, hi = depth_range
+    for z0 in np.linspace(lo, hi, max(2, round((hi - lo) / _Z_STEP))):
+        for tx in _TILTS:
+            for ty in _TILTS:
+                plane, score = _grow(sample, names, np.array([z0, tx, ty]), _GATE, slope_limit)
+                if score <= 0.0:
+                    continue
+                reach = np.abs(sample[:, :2]).max()
+                if any(abs(h.coefficients - plane) @ np.array([1.0, reach, reach]) < 3.0 for h in found):
+                    continue
+                found.append(PlaneHypothesis(plane, score / len(chosen)))
+    found.sort(key=lambda h: -h.score)
+    return [h for h in found if h.score > _NEAR_BEST * found[0].score]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_candidates(heights: Array, group: Index, gate: float) -> NDArray[np.bool_]:
+    """Mark of each group the candidate with the least |height| above a surface, if below `gate`.
+
+    Parameters
+    ----------
+    heights
+        (N,) distance of each candidate from the surface, millimetres.
+    group
+        (N,) as in `plane_hypotheses`.
+    gate
+        Largest distance, millimetres.
+    """
+    keep = np.zeros(heights.size, np.bool_)
+    i = 0
+    while i < heights.size:
+        best, best_distance = -1, gate
+        g = group[i]
+        while i < heights.size and group[i] == g:
+            if abs(heights[i]) < best_distance:
+                best, best_distance = i, abs(heights[i])
+            i += 1
+        if best >= 0:
+            keep[best] = True
+    return keep
