@@ -1,0 +1,257 @@
+"""The calibration of one rig as a JSON file, schema ``truewheel.calibration/1``."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AwareDatetime, Field, model_validator
+
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import CameraModel, PosedCamera
+from alignment.geometry.transforms import RigidTransform
+from alignment.values import HeadCalibration, RigCalibration
+from sensors.formats.files import write_bytes
+from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
+
+Identity = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Cosine = Annotated[float, Field(ge=-1.000001, le=1.000001)]
+Row = tuple[Cosine, Cosine, Cosine]
+_ASYMMETRY, _NEGATIVITY = 1e-6, 1e-6
+
+
+class Pose(StrictModel):
+    """A rigid transform: p_target = rotation · p_source + translation."""
+
+    rotation: tuple[Row, Row, Row] = Field(description="3 × 3 orthonormal matrix, by rows, determinant +1")
+    translation_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        description="Origin of the source frame in the target frame, millimetres"
+    )
+
+    @model_validator(mode="after")
+    def _is_rigid(self) -> Pose:
+        self.transform()
+        return self
+
+    def transform(self) -> RigidTransform:
+        """Return the value that the mathematics uses."""
+        return RigidTransform(np.array(self.rotation), np.array(self.translation_mm))
+
+
+class RigPose(Pose):
+    """Pose of the rig in the vehicle frame (ISO 8855: X forward, Y left, Z up)."""
+
+    measured: bool = Field(description="True when a gauge measured it, false when it is nominal")
+
+
+class CameraEntry(StrictModel):
+    """One camera: lens, chip, and where it stands."""
+
+    width: int = Field(ge=1, le=32_768, description="Width of the image, pixels")
+    height: int = Field(ge=1, le=32_768, description="Height of the image, pixels")
+    model: Literal["division", "brown"] = Field(
+        description="Distortion: 'division' (undistorted = distorted / (1 + d ρ²)) or 'brown' (Brown–Conrady)"
+    )
+    fx: float = Field(gt=0, le=1e7, description="Focal length along x, pixels")
+    fy: float = Field(gt=0, le=1e7, description="Focal length along y, pixels")
+    cx: Coordinate = Field(description="Principal point, x, pixels; 0 is the centre of the left-most pixel")
+    cy: Coordinate = Field(description="Principal point, y, pixels; 0 is the centre of the top-most pixel")
+    skew: float = Field(default=0.0, ge=-1e4, le=1e4, description="Skew of the pixel axes, pixels")
+    coefficients: tuple[Coordinate, ...] = Field(
+        min_length=1,
+        max_length=14,
+        description="division: d. brown: k1 k2 p1 p2 k3, or 8, 12 or 14 of OpenCV's distCoeffs, in its order",
+    )
+    rig_from_camera: Pose = Field(description="Takes camera coordinates to rig coordinates")
+
+    @model_validator(mode="after")
+    def _is_camera(self) -> CameraEntry:
+        self.posed_camera()
+        return self
+
+    def posed_camera(self) -> PosedCamera:
+        """Return the value that the mathematics uses."""
+        fields = self.model_dump(exclude={"rig_from_camera"})
+        return PosedCamera(CameraModel(**fields), self.rig_from_camera.transform())
+
+
+class HeadEntry(StrictModel):
+    """One stereo head."""
+
+    name: Name = Field(description="Name of the head; a shot names its heads the same, in the same order")
+    left: CameraEntry = Field(description="The camera whose images the shot calls left")
+    right: CameraEntry = Field(description="The camera whose images the shot calls right")
+
+
+class Covariance(StrictModel):
+    """Joint covariance of all camera parameters."""
+
+    parameters: tuple[str, ...] = Field(
+        min_length=1,
+        max_length=1000,
+        description="Names of the rows. For each head, left then right: rx ry rz (radians, about the "
+        "camera's own axes), cx_mm cy_mm cz_mm (centre in the rig frame), fx fy cx cy, then the coefficients",
+    )
+    matrix: tuple[tuple[Annotated[float, Field(ge=-1e12, le=1e12)], ...], ...] = Field(
+        min_length=1, max_length=1000, description="Symmetric, one row and one column for each parameter"
+    )
+
+    @model_validator(mode="after")
+    def _is_covariance(self) -> Covariance:
+        lengths = {len(row) for row in self.matrix}
+        size = len(self.parameters)
+        if len(self.matrix) != size or lengths != {size}:
+            raise DegenerateInputError(
+                field="matrix",
+                expected=f"{size} × {size} numbers, one row for each parameter",
+                seen=f"{len(self.matrix)} rows of {sorted(lengths)}",
+            )
+        matrix = np.array(self.matrix)
+        deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+        scale = np.outer(deviations, deviations)
+        known = scale > 0
+        scaled = np.where(known, matrix / np.where(known, scale, 1.0), np.where(matrix == 0, 0.0, np.inf))
+        if (
+            not np.isfinite(scaled).all()
+            or np.abs(scaled - scaled.T).max() > _ASYMMETRY
+            or np.linalg.eigvalsh(scaled).min() < -_NEGATIVITY * size
+        ):
+            raise DegenerateInputError(
+                field="matrix", expected="a symmetric matrix without negative variance", seen="another"
+            )
+        return self
+
+
+class CalibrationFile(StrictModel):
+    """What a calibration file holds."""
+
+    schema_: Literal["truewheel.calibration/1"] = Field(
+        alias="schema", description="Kind and version of this file"
+    )
+    id: Identity = Field(description="Identity of this calibration; every record carries it")
+    rig: Name = Field(description="Name of the rig; shots name the same")
+    side: Literal["left", "right"] = Field(description="Side of the vehicle")
+    created_utc: AwareDatetime = Field(description="When it was made, ISO 8601 with the zone")
+    method: str = Field(min_length=1, max_length=200, description="How it was made")
+    vehicle_from_rig: RigPose = Field(description="Takes rig coordinates to vehicle coordinates")
+    heads: tuple[HeadEntry, ...] = Field(
+        min_length=1, max_length=16, description="The stereo heads, in the order of the shots"
+    )
+    covariance: Covariance | None = Field(
+        default=None, description="Joint covariance of all camera parameters, null where it is not known"
+    )
+
+    @model_validator(mode="after")
+    def _is_calibration(self) -> CalibrationFile:
+        names = [head.name for head in self.heads]
+        if len(set(names)) < len(names):
+            raise DegenerateInputError(field="heads", expected="heads with different names", seen=str(names))
+        calibration = self.calibration()
+        if self.covariance is not None and self.covariance.parameters != calibration.parameter_names:
+            pairs = zip(self.covariance.parameters, calibration.parameter_names, strict=True)
+            index, (seen, expected) = next((i, p) for i, p in enumerate(pairs) if p[0] != p[1])
+            raise DegenerateInputError(
+                field=f"covariance.parameters[{index}]", expected=f"'{expected}'", seen=f"'{seen}'"
+            )
+        return self
+
+    def calibration(self) -> RigCalibration:
+        """Return the value that the mathematics uses."""
+        return RigCalibration(
+            id=self.id,
+            rig=self.rig,
+            side=self.side,
+            heads=tuple(
+                HeadCalibration(head.name, head.left.posed_camera(), head.right.posed_camera())
+                for head in self.heads
+            ),
+            vehicle_from_rig=self.vehicle_from_rig.transform(),
+            vehicle_from_rig_measured=self.vehicle_from_rig.measured,
+            covariance=None if self.covariance is None else np.array(self.covariance.matrix),
+        )
+
+
+def read_calibration_file(path: str | PathLike[str]) -> CalibrationFile:
+    """Read a calibration with what only its file knows: when and how it was made.
+
+    Raises
+    ------
+    FormatError
+        When the file is missing, is no JSON, or any field is missing, unknown or out of range.
+    """
+    path = Path(path)
+    return validate(CalibrationFile, load_json(path, "a calibration"), file=path)
+
+
+def read_calibration(path: str | PathLike[str]) -> RigCalibration:
+    """Read a calibration; errors as `read_calibration_file`."""
+    return read_calibration_file(path).calibration()
+
+
+def write_calibration(
+    path: str | PathLike[str], calibration: RigCalibration, *, method: str, created_utc: datetime
+) -> None:
+    """Write a calibration, whole or not at all; it reads back to exactly the same numbers.
+
+    Parameters
+    ----------
+    path
+        The file; an older one is replaced.
+    calibration
+        What is known of the rig.
+    method
+        How it was made, such as ``simulated, true`` or ``newton from 12 plate positions``.
+    created_utc
+        When it was made; aware.
+
+    Raises
+    ------
+    FormatError
+        When a value is out of the format's range, or the file cannot be written; an older file is unchanged.
+    """
+    path = Path(path)
+    covariance = calibration.covariance
+    data = {
+        "schema": "truewheel.calibration/1",
+        "id": calibration.id,
+        "rig": calibration.rig,
+        "side": calibration.side,
+        "created_utc": created_utc.astimezone(UTC) if created_utc.tzinfo else created_utc,
+        "method": method,
+        "vehicle_from_rig": {
+            **_pose_fields(calibration.vehicle_from_rig),
+            "measured": calibration.vehicle_from_rig_measured,
+        },
+        "heads": [
+            {"name": head.name, "left": _camera_fields(head.left), "right": _camera_fields(head.right)}
+            for head in calibration.heads
+        ],
+        "covariance": None
+        if covariance is None
+        else {"parameters": list(calibration.parameter_names), "matrix": covariance.tolist()},
+    }
+    write_bytes(path, dump_json(validate(CalibrationFile, data, file=path)))
+
+
+def _pose_fields(transform: RigidTransform) -> dict[str, object]:
+    return {"rotation": transform.rotation.tolist(), "translation_mm": transform.translation.tolist()}
+
+
+def _camera_fields(camera: PosedCamera) -> dict[str, object]:
+    model = camera.model
+    return {
+        "width": model.width,
+        "height": model.height,
+        "model": model.model,
+        "fx": model.fx,
+        "fy": model.fy,
+        "cx": model.cx,
+        "cy": model.cy,
+        "skew": model.skew,
+        "coefficients": list(model.coefficients),
+        "rig_from_camera": _pose_fields(camera.rig_from_camera),
+    }

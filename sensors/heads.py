@@ -1,0 +1,208 @@
+"""Stereo heads, and the rig: the heads that look at one wheel, triggered together."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from alignment.errors import (
+    CameraError,
+    CameraTimeoutError,
+    ConfigurationError,
+    SeveralErrors,
+    TruewheelError,
+)
+from sensors.camera import Camera, CameraSettings, Frame
+from sensors.shot import HeadFrames, WheelShot
+
+
+def _utc_now() -> datetime:
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True)
+class StereoHead:
+    """Two cameras that look at the same part of the tyre."""
+
+    name: str
+    left: Camera
+    right: Camera
+
+
+class Rig:
+    """The heads of one wheel.
+
+    After any error of `shoot` the cameras may be out of step; `arm` puts them in step again.
+
+    Parameters
+    ----------
+    name
+        Name of the rig, such as ``front_left``.
+    heads
+        In the order of the calibration.
+    settings
+        Given to every camera by `arm`.
+    clock
+        Monotonic clock, seconds, on which the timeout of `shoot` runs.
+    now
+        Aware UTC time for the record.
+
+    Raises
+    ------
+    ConfigurationError
+        When there is no head, or two heads or two cameras share a name.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        heads: Sequence[StereoHead],
+        settings: CameraSettings | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        now: Callable[[], datetime] = _utc_now,
+    ) -> None:
+        self.name = name
+        self.heads = tuple(heads)
+        self.settings = settings or CameraSettings()
+        self._clock = clock
+        self._now = now
+        self._triggers = 0
+        for field, names in (
+            ("heads", [head.name for head in self.heads]),
+            ("cameras", [camera.name for camera in self.cameras]),
+        ):
+            if not names or len(set(names)) < len(names):
+                raise ConfigurationError(
+                    field=f"{name}.{field}", expected="one or more, with different names", seen=str(names)
+                )
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """All cameras: left and right of the first head, then of the next."""
+        return tuple(camera for head in self.heads for camera in (head.left, head.right))
+
+    def connect(self) -> None:
+        """Connect all cameras.
+
+        Raises
+        ------
+        SeveralErrors
+            Names every camera that failed; those that did connect are closed again.
+        """
+        try:
+            self._each("connect", lambda camera: camera.connect())
+        except SeveralErrors:
+            # The failure to connect is the news; a failure to close after it adds nothing.
+            with contextlib.suppress(SeveralErrors):
+                self.close()
+            raise
+
+    def arm(self) -> None:
+        """Arm all cameras; their trigger counters start again together.
+
+        Raises
+        ------
+        SeveralErrors
+            Names every camera that failed.
+        """
+        self._triggers = 0
+        self._each("take their settings", lambda camera: camera.arm(self.settings))
+
+    def shoot(self, timeout_s: float) -> WheelShot:
+        """Trigger all cameras, then collect the frame of this trigger from each.
+
+        Frames that are left over from earlier triggers are dropped.
+
+        Parameters
+        ----------
+        timeout_s
+            Bound of the waiting for all frames together, seconds.
+
+        Raises
+        ------
+        SeveralErrors
+            Names every camera that failed, did not answer in time, or counted otherwise than the rig.
+        """
+        time_utc = self._now()
+        deadline = self._clock() + timeout_s
+        self._triggers += 1
+        failures: list[TruewheelError] = []
+        triggered: list[Camera] = []
+        for camera in self.cameras:
+            try:
+                self._trigger(camera)
+                triggered.append(camera)
+            except TruewheelError as error:
+                failures.append(error)
+        frames: dict[str, Frame] = {}
+        for camera in triggered:
+            try:
+                frames[camera.name] = self._frame_of_this_trigger(camera, deadline, timeout_s)
+            except TruewheelError as error:
+                failures.append(error)
+        self._report(failures, "deliver their frame")
+        return WheelShot(
+            self.name,
+            time_utc,
+            tuple(HeadFrames(h.name, frames[h.left.name], frames[h.right.name]) for h in self.heads),
+        )
+
+    def close(self) -> None:
+        """Close all cameras, whatever state they are in.
+
+        Raises
+        ------
+        SeveralErrors
+            Names every camera that failed to close.
+        """
+        self._each("close", lambda camera: camera.close())
+
+    def _trigger(self, camera: Camera) -> None:
+        counter = camera.trigger()
+        if counter != self._triggers:
+            raise CameraError(
+                camera.name,
+                f"out of step: expected to count trigger {self._triggers}, it counted {counter}",
+                "Arm the rig again",
+            )
+
+    def _frame_of_this_trigger(self, camera: Camera, deadline: float, timeout_s: float) -> Frame:
+        seen: int | None = None
+        while True:
+            try:
+                frame = camera.fetch(max(0.0, deadline - self._clock()))
+            except CameraTimeoutError as error:
+                last = "none at all" if seen is None else f"last seen one of trigger {seen}"
+                raise CameraTimeoutError(
+                    camera.name,
+                    f"expected a frame of trigger {self._triggers} within {timeout_s:g} s, {last}",
+                    "Check the camera's cable and power, or allow a longer timeout",
+                ) from error
+            if frame.trigger_counter == self._triggers:
+                return frame
+            if frame.trigger_counter > self._triggers:
+                raise CameraError(
+                    camera.name,
+                    f"out of step: expected a frame of trigger {self._triggers}, "
+                    f"it sent one of trigger {frame.trigger_counter}",
+                    "Arm the rig again",
+                )
+            seen = frame.trigger_counter
+
+    def _each(self, verb: str, action: Callable[[Camera], None]) -> None:
+        failures: list[TruewheelError] = []
+        for camera in self.cameras:
+            try:
+                action(camera)
+            except TruewheelError as error:
+                failures.append(error)
+        self._report(failures, verb)
+
+    def _report(self, failures: Iterable[TruewheelError], verb: str) -> None:
+        listed = list(failures)
+        if listed:
+            count = f"{len(listed)} of {len(self.cameras)} cameras"
+            raise SeveralErrors(f"rig {self.name}: {count} did not {verb}", listed)

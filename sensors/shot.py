@@ -1,0 +1,67 @@
+"""The images of one wheel, taken at one moment, with what the cameras said about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from alignment.errors import DegenerateInputError
+from alignment.values import StereoImages
+from sensors.camera import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class HeadFrames:
+    """The two frames of one stereo head, of the same trigger."""
+
+    name: str
+    left: Frame
+    right: Frame
+
+    def __post_init__(self) -> None:
+        if self.left.trigger_counter != self.right.trigger_counter:
+            raise DegenerateInputError(
+                field=f"{self.name}.trigger_counter",
+                expected="left and right frame of the same trigger",
+                seen=f"{self.left.trigger_counter} and {self.right.trigger_counter}",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class WheelShot:
+    """One exposure of all heads of a rig.
+
+    Attributes
+    ----------
+    rig
+        Name of the rig that took it; its calibration carries the same name.
+    time_utc
+        When the cameras were triggered; aware, UTC.
+    heads
+        In the order of the calibration.
+    """
+
+    rig: str
+    time_utc: datetime
+    heads: tuple[HeadFrames, ...]
+
+    def __post_init__(self) -> None:
+        if self.time_utc.tzinfo is None:
+            raise DegenerateInputError(
+                field="time_utc", expected="a time with its zone", seen=self.time_utc.isoformat()
+            )
+        names = [head.name for head in self.heads]
+        if not names or len(set(names)) < len(names):
+            raise DegenerateInputError(
+                field="heads", expected="one or more heads with different names", seen=str(names)
+            )
+
+    @property
+    def images(self) -> tuple[StereoImages, ...]:
+        """What `measure_wheel` takes: the pairs of images, in the order of `heads`."""
+        return tuple(StereoImages(head.left.image, head.right.image) for head in self.heads)
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """All frames: left and right of the first head, then of the next."""
+        return tuple(frame for head in self.heads for frame in (head.left, head.right))
