@@ -8,22 +8,23 @@ constant background, and which a cubic through four responses locates without lo
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from alignment.values import Image
-
 Array = NDArray[np.float64]
+Floats4 = tuple[float, float, float, float]
 
 #: Columns of a table of ridge points.
 X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
 COLUMNS = 5
 _MAX_PER_ROW = 192
+_BLOCK = 32
 
 
-def derivative_weights(sigma: float) -> Array:
+def derivative_weights(sigma: float) -> NDArray[np.float32]:
     """Weights (2M + 1,) of a derivative-of-Gaussian correlation, positive to the right, M = ⌈3σ⌉.
 
     Their response to an image I(x) = a x is a: the unit is grey levels per pixel.
@@ -31,7 +32,7 @@ def derivative_weights(sigma: float) -> Array:
     half = math.ceil(3.0 * sigma)
     k = np.arange(-half, half + 1, dtype=np.float64)
     weights = k * np.exp(-0.5 * (k / sigma) ** 2)
-    return weights / float((weights * k).sum())
+    return (weights / float((weights * k).sum())).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -51,8 +52,40 @@ def _zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _mark_lively(row: Any, contrast: float, lively: NDArray[np.bool_]) -> None:
+    """Tell which blocks of a row swing by more than the contrast; noise alone does not."""
+    width = row.size
+    for block in range(lively.size):
+        first = block * _BLOCK
+        low, high = row[first], row[first]
+        for x in range(first, min(first + _BLOCK, width)):
+            value = row[x]
+            low = min(low, value)
+            high = max(high, value)
+        lively[block] = float(high) - float(low) >= contrast
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _responses(row: Any, i: int, weights: NDArray[np.float32], window: NDArray[np.float32]) -> Floats4:
+    """Responses at i − 1, i, i + 1, i + 2."""
+    size = weights.size
+    half = (size - 1) // 2
+    base = i - 1 - half
+    for k in range(size + 3):
+        window[k] = row[base + k]
+    a = b = c = d = np.float32(0.0)
+    for k in range(size):
+        w = weights[k]
+        a += w * window[k]
+        b += w * window[k + 1]
+        c += w * window[k + 2]
+        d += w * window[k + 3]
+    return float(a), float(b), float(c), float(d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_rows(
-    image: Image, box: int, weights: Array, contrast: float, step: int
+    image: Any, box: int, weights: NDArray[np.float32], contrast: float, step: int
 ) -> tuple[Array, NDArray[np.int64]]:
     """Ridge points of every `step`-th row.
 
@@ -79,64 +112,71 @@ def scan_rows(
     """
     height, width = image.shape
     half = (weights.size - 1) // 2
-    margin = max(half + 2, 2 * box + 2)
+    margin = max(half + 3, 2 * box + 3)
     flank = 2 * box
     rows = (height + step - 1) // step
     starts = np.zeros(rows + 1, np.int64)
     table = np.empty((1024, COLUMNS))
     prefix = np.zeros(width + 1, np.int64)
+    blocks = (width + _BLOCK - 1) // _BLOCK
+    lively = np.zeros(blocks, np.bool_)
+    window = np.empty(weights.size + 3, np.float32)
     n = 0
     for j in range(rows):
         y = j * step
         row = image[y]
-        total = np.int64(0)
-        for x in range(width):
-            total += row[x]
-            prefix[x + 1] = total
         found = 0
-        previous = np.int64(-1)
-        for x in range(margin, width - margin):
-            now = prefix[x + 1 + box] - prefix[x + 1] - prefix[x] + prefix[x - box]
-            if previous > 0 and now <= 0 and found < _MAX_PER_ROW:
-                x0 = x - 1
-                centre = (prefix[x0 + 3] - prefix[x0 - 1]) / 4.0
-                left = (prefix[x0 - flank + 2] - prefix[x0 - flank - 1]) / 3.0
-                right = (prefix[x0 + flank + 3] - prefix[x0 + flank]) / 3.0
-                if centre - max(left, right) >= contrast:
-                    # Responses around the candidate; its zero may lie one pixel aside of the box's.
-                    i = x0
-                    ra = rb = rc = rd = 0.0
-                    for _ in range(3):
-                        ra = rb = rc = rd = 0.0
-                        for k in range(-half, half + 1):
-                            w = weights[k + half]
-                            ra += w * row[i - 1 + k]
-                            rb += w * row[i + k]
-                            rc += w * row[i + 1 + k]
-                            rd += w * row[i + 2 + k]
-                        if rb <= 0.0 and i > margin - 1:
-                            i -= 1
-                        elif rc > 0.0 and i < width - margin - 1:
-                            i += 1
-                        else:
-                            break
-                    if rb > 0.0 and rc <= 0.0:
-                        t = _zero_of_cubic(ra, rb, rc, rd)
-                        slope = rb - rc
-                        base = min(left, right)
-                        if n == table.shape[0]:
-                            grown = np.empty((2 * n, COLUMNS))
-                            grown[:n] = table
-                            table = grown
-                        table[n, X] = i + t
-                        table[n, Y] = y
-                        table[n, STRENGTH] = slope
-                        table[n, LEVEL] = centre
-                        # A Gaussian of height A has slope A/σ² at its top.
-                        table[n, WIDTH2] = (centre - base) / slope
-                        n += 1
-                        found += 1
-            previous = now
+        _mark_lively(row, contrast, lively)
+        block = 0
+        while block < blocks:
+            if not lively[block]:
+                block += 1
+                continue
+            first = block * _BLOCK
+            while block < blocks and lively[block]:
+                block += 1
+            # A ridge on the border of a lively stretch still needs its flanks.
+            lo = max(margin, first - box)
+            hi = min(width - margin, block * _BLOCK + box)
+            prefix[lo - flank - 2] = 0
+            for x in range(lo - flank - 2, hi + flank + 3):
+                prefix[x + 1] = prefix[x] + np.int64(row[x])
+            previous = np.int64(-1)
+            for x in range(lo, hi):
+                now = prefix[x + 1 + box] - prefix[x + 1] - prefix[x] + prefix[x - box]
+                turns = previous > 0 and now <= 0
+                previous = now
+                if not turns or found == _MAX_PER_ROW:
+                    continue
+                i = x - 1
+                centre = float(prefix[i + 3] - prefix[i - 1]) / 4.0
+                left = float(prefix[i - flank + 2] - prefix[i - flank - 1]) / 3.0
+                right = float(prefix[i + flank + 3] - prefix[i + flank]) / 3.0
+                if centre - max(left, right) < contrast:
+                    continue
+                a, b, c, d = _responses(row, i, weights, window)
+                # The zero may lie one pixel aside of the box's.
+                if b <= 0.0:
+                    i -= 1
+                    a, b, c, d = _responses(row, i, weights, window)
+                elif c > 0.0:
+                    i += 1
+                    a, b, c, d = _responses(row, i, weights, window)
+                if b <= 0.0 or c > 0.0 or (found and table[n - 1, X] > i - 0.5):
+                    continue
+                if n == table.shape[0]:
+                    grown = np.empty((2 * n, COLUMNS))
+                    grown[:n] = table
+                    table = grown
+                slope = b - c
+                table[n, X] = i + _zero_of_cubic(a, b, c, d)
+                table[n, Y] = y
+                table[n, STRENGTH] = slope
+                table[n, LEVEL] = centre
+                # A Gaussian of height A has slope A/σ² at its top.
+                table[n, WIDTH2] = (centre - min(left, right)) / slope
+                n += 1
+                found += 1
         starts[j + 1] = n
     return table[:n], starts
 
