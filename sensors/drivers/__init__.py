@@ -1,0 +1,1 @@
+"""Camera drivers, one module each; all pass the same contract tests."""
