@@ -1,0 +1,13 @@
+"""Assertions of the field, for tests here and in plants."""
+
+from __future__ import annotations
+
+import math
+
+ARCMIN = math.pi / (180.0 * 60.0)
+
+
+def assert_angle_within(measured: float, expected: float, arcmin: float, what: str = "angle") -> None:
+    """Fail unless two angles, radians, agree within so many arcminutes; the message gives the difference."""
+    difference = (measured - expected) / ARCMIN
+    assert abs(difference) <= arcmin, f"{what} differs by {difference:+.4f}′, allowed is {arcmin}′"
