@@ -9,6 +9,7 @@ import socket
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,9 +30,14 @@ class PostgresServer:
     def url(self, database: str) -> str:
         return f"postgresql://truewheel:{self.password}@127.0.0.1:{self.port}/{database}"
 
-    def execute(self, statement: str) -> None:
+    @contextmanager
+    def database(self) -> Iterator[str]:
+        """A new empty database, dropped in the end; yields its URL."""
+        name = f"truewheel_{secrets.token_hex(4)}"
         with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
-            connection.execute(statement)
+            connection.execute(f"CREATE DATABASE {name}")
+            yield self.url(name)
+            connection.execute(f"DROP DATABASE {name} WITH (FORCE)")
 
 
 def _binaries() -> Path | None:
@@ -80,10 +86,8 @@ def postgres_server() -> Iterator[PostgresServer]:
 
 @pytest.fixture
 def postgres_url(postgres_server: PostgresServer) -> Iterator[str]:
-    name = f"truewheel_{secrets.token_hex(4)}"
-    postgres_server.execute(f"CREATE DATABASE {name}")
-    yield postgres_server.url(name)
-    postgres_server.execute(f"DROP DATABASE {name} WITH (FORCE)")
+    with postgres_server.database() as url:
+        yield url
 
 
 @pytest.fixture

@@ -1,0 +1,185 @@
+"""The database itself refuses rows that would lie, whoever writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
+from uuid import uuid4
+
+import pytest
+from example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
+from sqlalchemy import Connection, Engine, Table, inspect, text
+from sqlalchemy.exc import DBAPIError, IntegrityError
+
+from db.engine import make_engine, parse_url
+from db.records import CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
+from db.schema import axle_results, calibrations, cycles, metadata, vehicle_results, vehicles, wheel_results
+from db.store import ResultStore, _flat_values
+
+TABLES = sorted(metadata.tables)
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Engine]:
+    """A database with a row in every table; the tests leave it as they find it."""
+    with ExitStack() as stack:
+        if request.param == "sqlite":
+            url = f"sqlite:///{tmp_path_factory.mktemp('schema') / 'results.db'}"
+        else:
+            url = stack.enter_context(request.getfixturevalue("postgres_server").database())
+        with ResultStore(url, create=True) as store:
+            store.record_calibration(CALIBRATION)
+            store.write_cycle(cycle())
+            store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
+        engine = make_engine(parse_url(url), timeout_s=5.0)
+        yield engine
+        engine.dispose()
+
+
+@pytest.fixture
+def connection(engine: Engine) -> Iterator[Connection]:
+    """A transaction past the store's own checks, rolled back in the end."""
+    with engine.connect() as connection:
+        connection.execute(vehicles.insert().values(id=99, vin="TRUEWHEEL00000009", vehicle_type="compact"))
+        yield connection
+
+
+def cycle_row(**changes: Any) -> dict[str, Any]:
+    return _flat_values(cycle()) | {"id": 99, "vehicle_id": 99, "stored_utc": NOON} | changes
+
+
+def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None:
+    if "cycle_id" in table.c:
+        connection.execute(cycles.insert().values(**cycle_row()))
+        values = {"cycle_id": 99} | values
+    connection.execute(table.insert().values(**values))
+
+
+FAULT = {"outcome": CycleOutcome.FAULT, "reason_code": "camera", "reason_text": "no frame"}
+IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
+    (cycles, "verdict_has_vehicle_and_time", {"vehicle_id": None}),
+    (cycles, "verdict_has_vehicle_and_time", {"measured_utc": None}),
+    (cycles, "stop_has_reason", {"outcome": CycleOutcome.FAULT}),
+    (cycles, "stop_has_reason", {"outcome": CycleOutcome.ABORTED}),
+    (cycles, "stop_has_reason", FAULT | {"outcome": CycleOutcome.NOK}),
+    (cycles, "reason_in_words", FAULT | {"reason_text": None}),
+    (cycles, "monotonic_order", {"measured_monotonic_s": 99.0}),
+    (cycles, "trigger_sequence_not_negative", {"trigger_sequence": -1}),
+    (cycles, "station_not_empty", {"station": ""}),
+    (cycles, "software_version_not_empty", {"software_version": ""}),
+    (cycles, "config_hash_not_empty", {"config_hash": ""}),
+    *[
+        (wheel_results, "measured_is_complete", {name: None})
+        for name in ("camber", "toe", "camber_u", "toe_u", "method", "calibration_id", "measured_utc")
+    ],
+    (wheel_results, "unmeasured_has_no_verdict", _flat_values(refused_wheel(verdict=Verdict.NOK))),
+    (
+        wheel_results,
+        "unmeasured_has_no_verdict",
+        _flat_values(refused_wheel(verdict=Verdict.NOK, outcome=WheelOutcome.FAULT)),
+    ),
+    (wheel_results, "unmeasured_has_no_angles", _flat_values(refused_wheel(toe=0.0))),
+    (
+        wheel_results,
+        "unmeasured_has_reason",
+        _flat_values(refused_wheel(reason_code=None, reason_text=None)),
+    ),
+    (wheel_results, "reason_in_words", _flat_values(refused_wheel(reason_text=None))),
+    (wheel_results, "ok_has_no_reason", {"reason_code": "toe_high", "reason_text": "toe too high"}),
+    (wheel_results, "verdict_is_explained", {"guard_band": None}),
+    (wheel_results, "verdict_is_explained", {"coverage_factor": None}),
+    (
+        wheel_results,
+        "verdict_is_explained",
+        dict.fromkeys(("camber_low", "camber_high", "toe_low", "toe_high")),
+    ),
+    (wheel_results, "ok_is_within_limits", {"toe": 0.1}),
+    (wheel_results, "ok_is_within_limits", {"camber": -0.1}),
+    (wheel_results, "limits_in_order", {"verdict": Verdict.NOK, "toe_low": 0.2, "toe_high": 0.1}),
+    (wheel_results, "possible_angles", {"verdict": Verdict.NOK, "toe": 3.3}),
+    (wheel_results, "possible_angles", {"verdict": Verdict.NOK, "toe": float("inf")}),
+    (wheel_results, "possible_uncertainties", {"camber_u": 0.0}),
+    (wheel_results, "possible_uncertainties", {"toe_u": -1e-5}),
+    (wheel_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
+    (wheel_results, "possible_quality", {"points_used": -1}),
+    (wheel_results, "wheel_not_empty", {"wheel": ""}),
+    (axle_results, "verdict_is_explained", {"verdict": Verdict.OK}),
+    (
+        axle_results,
+        "ok_is_within_limits",
+        {"verdict": Verdict.OK, "guard_band": True, "coverage_factor": 2.0, "total_toe_high": 0.0},
+    ),
+    (axle_results, "possible_uncertainties", {"total_toe_u": 0.0}),
+    (vehicle_results, "thrust_sign", {"thrust_sign": "up_positive"}),
+    (
+        vehicle_results,
+        "ok_is_within_limits",
+        {"verdict": Verdict.OK, "guard_band": False, "coverage_factor": 2.0, "thrust_angle_low": 0.1},
+    ),
+    (calibrations, "validity", {"valid_until_utc": NOON}),
+    (vehicles, "vin_not_empty", {"vin": "", "vehicle_type": "compact"}),
+]
+COMPLETE: dict[Table, dict[str, Any]] = {
+    cycles: cycle_row(),
+    wheel_results: _flat_values(wheel()),
+    axle_results: _flat_values(axle()),
+    vehicle_results: _flat_values(ANGLES),
+    calibrations: _flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
+    vehicles: {},
+}
+
+
+@pytest.mark.parametrize(
+    ("table", "constraint", "changes"),
+    IMPOSSIBLE,
+    ids=[f"{table.name}-{name}-{number}" for number, (table, name, _) in enumerate(IMPOSSIBLE)],
+)
+def test_an_impossible_row_is_refused_by_name(
+    connection: Connection, table: Table, constraint: str, changes: dict[str, Any]
+) -> None:
+    with pytest.raises(IntegrityError) as caught:
+        insert(connection, table, COMPLETE[table] | changes)
+    assert f"ck_{table.name}_{constraint}" in str(caught.value.orig)
+
+
+@pytest.mark.parametrize(
+    "table", [table for table in COMPLETE if COMPLETE[table]], ids=lambda table: table.name
+)
+def test_the_unchanged_rows_are_possible(connection: Connection, table: Table) -> None:
+    insert(connection, table, COMPLETE[table] | ({"uuid": uuid4()} if "uuid" in table.c else {}))
+
+
+def test_an_unknown_outcome_is_refused(connection: Connection) -> None:
+    insert(connection, wheel_results, COMPLETE[wheel_results])
+    with pytest.raises(IntegrityError) as caught:
+        connection.execute(
+            text(
+                "INSERT INTO wheel_results (cycle_id, wheel, outcome, verdict, reason_code, reason_text)"
+                " VALUES (99, 'rear_left', 'good', 'none', 'x', 'y')"
+            )
+        )
+    assert "ck_wheel_results_outcome" in str(caught.value.orig)
+
+
+@pytest.mark.parametrize("change", ["UPDATE {} SET {} = {}", "DELETE FROM {}"], ids=["update", "delete"])
+@pytest.mark.parametrize("table", TABLES)
+def test_what_is_stored_is_never_changed(engine: Engine, table: str, change: str) -> None:
+    column = next(iter(metadata.tables[table].c)).name
+    with pytest.raises(DBAPIError, match="never changed or deleted"), engine.begin() as connection:
+        connection.exec_driver_sql(change.format(table, column, column))
+
+
+def test_every_constraint_and_index_has_a_name(connection: Connection) -> None:
+    inspector = inspect(connection)
+    for table in TABLES:
+        found = [
+            inspector.get_pk_constraint(table),
+            *inspector.get_foreign_keys(table),
+            *inspector.get_unique_constraints(table),
+            *inspector.get_check_constraints(table),
+            *inspector.get_indexes(table),
+        ]
+        for item in found:
+            assert item["name"], item
+            assert item["name"][:3] in ("pk_", "fk_", "uq_", "ck_", "ix_"), item
