@@ -85,6 +85,7 @@ class StationLine:
         self._trigger: Trigger | None = None
         self._sent = self._aborted = self._reset_pending = False
         self._last_sequence: int | None = None
+        self._shown_sequence = 0
         self._refusal = LineErrorCode.NONE
         self._refused_sequence = 0
         self._alive_counter = 0
@@ -246,10 +247,9 @@ class StationLine:
         fault = self._status.state == StationState.FAULT
         open_start = self._trigger is not None
         station_error = self._status.error_code != LineErrorCode.NONE
-        sequence = self._last_sequence or 0
         return LineStatus(
             state=self._status.state,
-            sequence=sequence,
+            sequence=self._shown_sequence,
             ready=not open_start
             and not self._reset_pending
             and self._status.state in (StationState.IDLE, StationState.ARMED),
@@ -258,7 +258,7 @@ class StationLine:
             fault=fault,
             alive_counter=self._alive_counter,
             error_code=self._status.error_code if station_error else self._refusal,
-            error_sequence=sequence if station_error else self._refused_sequence,
+            error_sequence=self._shown_sequence if station_error else self._refused_sequence,
         )
 
     def _send_status(self) -> None:
@@ -300,6 +300,7 @@ class StationLine:
                         self._commands.get_nowait()
                 self._trigger = None
                 self._last_sequence = None
+                self._shown_sequence = sequence
                 self._vin.clear()
                 self._reset_pending = True
                 self._deliver(Reset(sequence))
@@ -328,7 +329,7 @@ class StationLine:
             self._refuse(sequence, LineErrorCode.VIN_INVALID)
         else:
             self._trigger = Trigger(sequence, wheels, int(values["VehicleType"]), vin, self._clock())
-            self._last_sequence = sequence
+            self._last_sequence = self._shown_sequence = sequence
             self._sent = self._aborted = False
             self._vin.clear()
             self._deliver(self._trigger)

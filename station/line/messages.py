@@ -210,6 +210,16 @@ class VehicleAnswer:
         _require_complete("vehicle", self.outcome, values)
 
 
+@dataclass(frozen=True)
+class VehicleReport:
+    """The vehicle as the controller reads it: verdict over everything, and thrust angle (None: invalid)."""
+
+    outcome: Outcome
+    thrust_angle_deg: float | None
+    thrust_angle_u95_deg: float | None
+    thrust_sign: ThrustSign
+
+
 def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
     """Outcome of the whole from the outcomes of its parts.
 

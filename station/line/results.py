@@ -18,6 +18,7 @@ from station.line.messages import (
     StationState,
     ThrustSign,
     VehicleAnswer,
+    VehicleReport,
     WheelAnswer,
 )
 
@@ -154,14 +155,23 @@ def read_axle(axle: str, result: Mapping[str, Value], uncertainty: Mapping[str, 
         raise LineError(f"the result of the {axle} axle contradicts itself: {error}") from error
 
 
-def read_vehicle(result: Mapping[str, Value]) -> tuple[Outcome, float | None, float | None, ThrustSign]:
-    """Verdict, thrust angle and its expanded uncertainty in degrees (None when invalid), and its sign."""
+def read_vehicle(result: Mapping[str, Value]) -> VehicleReport:
+    """Verdict and thrust angle from the decoded message.
+
+    Raises
+    ------
+    LineError
+        When there is no verdict.
+    """
     try:
-        overall = Outcome(str(result["Outcome"]))
+        return VehicleReport(
+            outcome=Outcome(str(result["Outcome"])),
+            thrust_angle_deg=_number(result["ThrustAngle"]),
+            thrust_angle_u95_deg=_number(result["ThrustAngleU95"]),
+            thrust_sign=cast("ThrustSign", str(result["ThrustSign"])),
+        )
     except ValueError as error:
-        raise LineError(f"the result of the vehicle has no verdict: {error}") from error
-    sign = cast("ThrustSign", str(result["ThrustSign"]))
-    return overall, _number(result["ThrustAngle"]), _number(result["ThrustAngleU95"]), sign
+        raise LineError(f"the result of the vehicle contradicts itself: {error}") from error
 
 
 def read_status(values: Mapping[str, Value]) -> LineStatus:

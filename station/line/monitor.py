@@ -1,0 +1,171 @@
+"""Traffic in readable form, live or from a log, with errors marked; and the order of events in a cycle."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+
+import can
+
+from alignment.errors import FormatError, InputError
+from station.line.bus import LOG_ENDINGS, LineBus
+from station.line.dbc import LineDatabase, Value
+
+
+@dataclass(frozen=True)
+class DecodedFrame:
+    """One frame.
+
+    Attributes
+    ----------
+    time_s
+        Of the frame, seconds since 1970 where the log or the adapter gives that.
+    identifier
+        CAN identifier.
+    name
+        Of its message; None when the DBC has none.
+    values
+        Signals, empty when the frame could not be decoded.
+    error
+        Why it could not be decoded, or None.
+    """
+
+    time_s: float
+    identifier: int
+    name: str | None
+    values: dict[str, Value]
+    error: str | None = None
+
+    def __str__(self) -> str:
+        signals = " ".join(
+            f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
+            for name, value in self.values.items()
+        )
+        mark = f"!! {self.error}" if self.error else signals
+        return f"{self.time_s:.6f}  {self.identifier:03X}  {self.name or '?'}  {mark}"
+
+
+def decode_frame(frame: can.Message, database: LineDatabase) -> DecodedFrame:
+    """One frame in readable form; never raises, errors are marked."""
+    name = None if frame.is_error_frame else database.name_of(frame)
+    try:
+        values = database.decode(frame)
+    except InputError as error:
+        text = "error frame" if frame.is_error_frame else f"expected {error.expected}, found {error.seen}"
+        return DecodedFrame(frame.timestamp, frame.arbitration_id, name, {}, text)
+    return DecodedFrame(frame.timestamp, frame.arbitration_id, name, values)
+
+
+def decode_log(path: str | PathLike[str], database: LineDatabase) -> Iterator[DecodedFrame]:
+    """All frames of a candump (``.log``), ASC or BLF file, in order.
+
+    Raises
+    ------
+    FormatError
+        When the file is missing, of another kind, or damaged.
+    """
+    file = Path(path)
+    if file.suffix.lower() not in LOG_ENDINGS:
+        raise FormatError(
+            file=file, expected=f"a log ending in {', '.join(LOG_ENDINGS)}", seen=file.suffix or "no ending"
+        )
+    count = 0
+    try:
+        with can.LogReader(file) as reader:
+            for frame in reader:
+                count += 1
+                yield decode_frame(frame, database)
+    except OSError as error:
+        raise FormatError(file=file, expected="a readable log", seen=str(error.strerror or error)) from error
+    except (ValueError, IndexError, can.CanError) as error:
+        raise FormatError(
+            file=file, expected="a valid log of CAN frames", seen=f"{error} after {count} frames"
+        ) from error
+
+
+def watch(
+    bus: LineBus,
+    database: LineDatabase,
+    duration_s: float,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[DecodedFrame]:
+    """Frames as they arrive, for the given time."""
+    frames: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
+    bus.listen(frames.put)
+    deadline = clock() + duration_s
+    try:
+        while (remaining := deadline - clock()) > 0:
+            try:
+                yield decode_frame(frames.get(timeout=remaining), database)
+            except queue.Empty:
+                return
+    finally:
+        bus.unlisten(frames.put)
+
+
+@dataclass
+class CycleTrace:
+    """What the bus showed of one start command; times as in the frames, None for what did not come.
+
+    Attributes
+    ----------
+    sequence, start_s, busy_s, done_s, acknowledged_s
+        First start command, first Status that shows busy and done, first acknowledgement.
+    result_times_s
+        Of every result and uncertainty of this sequence.
+    out_of_order
+        What came before its turn, one sentence each.
+    """
+
+    sequence: int
+    start_s: float
+    busy_s: float | None = None
+    done_s: float | None = None
+    acknowledged_s: float | None = None
+    result_times_s: list[float] = field(default_factory=list)
+    out_of_order: list[str] = field(default_factory=list)
+
+    @property
+    def in_order(self) -> bool:
+        """True when start, busy, results, done all came, in this order."""
+        complete = self.busy_s is not None and self.done_s is not None and bool(self.result_times_s)
+        return complete and not self.out_of_order
+
+
+def trace_cycles(frames: Iterable[DecodedFrame]) -> list[CycleTrace]:
+    """Follow every start command through its frames; the order of the frames counts, not their times."""
+    cycles: list[CycleTrace] = []
+    for frame in frames:
+        sequence = frame.values.get("Sequence")
+        current = cycles[-1] if cycles and cycles[-1].sequence == sequence else None
+        if frame.name == "Command" and frame.values.get("Code") == "start":
+            if current is None or current.acknowledged_s is not None:
+                cycles.append(CycleTrace(int(frame.values["Sequence"]), frame.time_s))
+        elif current is not None:
+            _follow(current, frame)
+    return cycles
+
+
+def _follow(cycle: CycleTrace, frame: DecodedFrame) -> None:
+    if frame.name == "Status":
+        if frame.values["Busy"] and cycle.busy_s is None:
+            cycle.busy_s = frame.time_s
+        if frame.values["Done"] and cycle.done_s is None:
+            cycle.done_s = frame.time_s
+            if not cycle.result_times_s:
+                cycle.out_of_order.append("done came before any result")
+    elif frame.name == "Command":
+        if frame.values["Code"] == "acknowledge" and cycle.acknowledged_s is None:
+            cycle.acknowledged_s = frame.time_s
+            if cycle.done_s is None:
+                cycle.out_of_order.append("acknowledge came before done")
+    else:
+        cycle.result_times_s.append(frame.time_s)
+        if cycle.busy_s is None:
+            cycle.out_of_order.append(f"{frame.name} came before busy")
+        if cycle.done_s is not None:
+            cycle.out_of_order.append(f"{frame.name} came after done")
