@@ -19,8 +19,8 @@ from sensors.heads import Rig, StereoHead
 class RecordedCamera(QueuedCamera):
     """Plays one camera of recorded shots. Settings are accepted; the images keep those they were taken with.
 
-    Connecting begins with the first folder; arming does not. Frames count the triggers of this run; device time and exposure are the recorded ones, the host time is
-    when the frame was fetched.
+    Connecting begins with the first folder, arming goes on with the next. Frames count the triggers of this
+    run; device time and exposure are the recorded ones, the host time is when the frame was fetched.
 
     Parameters
     ----------
