@@ -49,7 +49,7 @@ def parse_url(url: str) -> URL:
 
 def describe(url: URL) -> str:
     """The URL as messages show it, without passwords."""
-    hidden = {key: "***" for key in _SECRET_KEYS if key in url.query}
+    hidden = {key: "hidden" for key in _SECRET_KEYS if key in url.query}
     shown = url.set(drivername=url.get_backend_name()).update_query_dict(hidden)
     return shown.render_as_string(hide_password=True)
 
@@ -60,7 +60,7 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
     Parameters
     ----------
     timeout_s
-        Longest wait for a connection, for a lock, and for one statement.
+        Longest wait for a connection and for a lock; a statement on a server may take twice as long.
     create
         Whether a missing SQLite file may be made.
 
@@ -79,7 +79,8 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
         # A server may be configured to acknowledge before the data is on disk.
         "synchronous_commit": "on",
         "lock_timeout": str(milliseconds),
-        "statement_timeout": str(milliseconds),
+        # Longer, or a lock that is waited for would look like a slow server.
+        "statement_timeout": str(2 * milliseconds),
     }
     given = url.query.get("options", "")
     options = [given if isinstance(given, str) else " ".join(given)]

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from uuid import UUID
 
-from sqlalchemy import Connection, Engine, RowMapping, Select, Table, func, select
+from sqlalchemy import Connection, Engine, RowMapping, Select, Table, false, func, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from alignment.errors import StoreError
@@ -61,7 +61,8 @@ class ResultStore:
     create
         Build the schema in a missing file or an empty database; without it both are refused.
     timeout_s
-        Longest wait for a connection, for another program's lock, and for one statement.
+        Longest wait for a connection and for another program's lock; a statement on a server may take twice
+        as long.
     now
         The UTC clock of `stored_utc`.
 
@@ -98,11 +99,13 @@ class ResultStore:
             require_file(self._url)
         self._engine = make_engine(self._url, timeout_s=self._timeout_s, create=self._create)
         try:
-            # A write transaction, so that a file that cannot be written is found now and not at a vehicle.
             with self._transaction(writes=True) as connection:
                 if self._create and revision_of(connection, self._where) is None:
                     upgrade(connection, self._where)
                 check_revision(connection, self._where)
+                # Adds no row; a database that cannot be written is found now and not at a vehicle.
+                nothing = select(events).where(false())
+                connection.execute(events.insert().from_select(events.c.keys(), nothing))
         except BaseException:
             self.close()
             raise

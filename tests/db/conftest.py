@@ -15,9 +15,9 @@ from pathlib import Path
 
 import psycopg
 import pytest
-from example_records import CALIBRATION
 
 from db.store import ResultStore
+from tests.db.example_records import CALIBRATION
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from example_records import CALIBRATION, cycle
 from sqlalchemy import Connection, Engine, inspect, text
 
 import db.migrate
@@ -18,6 +17,7 @@ from db.engine import make_engine, parse_url
 from db.migrate import current_revision, head_revision, migrate
 from db.schema import metadata
 from db.store import ResultStore
+from tests.db.example_records import CALIBRATION, cycle
 
 
 def run(url: str, *statements: str) -> None:
@@ -194,7 +194,7 @@ def test_postgresql_commits_synchronously_in_utc(postgres_url: str) -> None:
         "synchronous_commit": "on",
         "TimeZone": "UTC",
         "lock_timeout": "2500ms",
-        "statement_timeout": "2500ms",
+        "statement_timeout": "5s",
         "search_path": "public",
     }
 

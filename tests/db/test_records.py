@@ -8,10 +8,10 @@ from uuid import uuid4
 
 import numpy as np
 import pytest
-from example_records import NOON, WHEELS, axle, cycle, refused_wheel, wheel
 
 from alignment.errors import InputError
 from db.records import CalibrationRecord, CycleOutcome, EventRecord, Severity, Verdict
+from tests.db.example_records import NOON, WHEELS, axle, cycle, refused_wheel, wheel
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
-from example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
 from sqlalchemy import Connection, Engine, Table, inspect, text
 from sqlalchemy.exc import DBAPIError, IntegrityError
 
@@ -16,6 +15,7 @@ from db.engine import make_engine, parse_url
 from db.records import CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
 from db.schema import axle_results, calibrations, cycles, metadata, vehicle_results, vehicles, wheel_results
 from db.store import ResultStore, _flat_values
+from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
 
 TABLES = sorted(metadata.tables)
 

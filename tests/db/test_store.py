@@ -9,7 +9,6 @@ from datetime import UTC, datetime, timedelta, timezone
 from uuid import uuid4
 
 import pytest
-from example_records import CALIBRATION, NOON, WHEELS, axle, cycle, refused_wheel, wheel
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +23,7 @@ from db.records import (
     WheelOutcome,
 )
 from db.store import ResultStore
+from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, refused_wheel, wheel
 
 on_one_database = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
