@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable
 
 from alignment.errors import TruewheelError
+from station.line.messages import StationState
 
-
-class State(enum.StrEnum):
-    """Where the station is in its cycle; the same names stand in the status message on the line."""
-
-    IDLE = "idle"
-    ARMED = "armed"
-    MEASURING = "measuring"
-    EVALUATING = "evaluating"
-    STORING = "storing"
-    REPORTING = "reporting"
-    FAULT = "fault"
-
-
-TRANSITIONS: dict[State, frozenset[State]] = {
+TRANSITIONS: dict[StationState, frozenset[StationState]] = {
     # A trigger arrived; a trigger that cannot be served is reported at once.
-    State.IDLE: frozenset({State.ARMED, State.FAULT}),
+    StationState.IDLE: frozenset({StationState.ARMED, StationState.FAULT}),
     # Cameras took their settings; an abort or a camera that fails goes on to the record of it.
-    State.ARMED: frozenset({State.MEASURING, State.EVALUATING, State.FAULT}),
-    State.MEASURING: frozenset({State.EVALUATING, State.FAULT}),
-    State.EVALUATING: frozenset({State.STORING, State.FAULT}),
+    StationState.ARMED: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),
+    StationState.MEASURING: frozenset({StationState.EVALUATING, StationState.FAULT}),
+    StationState.EVALUATING: frozenset({StationState.STORING, StationState.FAULT}),
     # The line is told only after the commit, or after the commit has failed.
-    State.STORING: frozenset({State.REPORTING, State.FAULT}),
-    State.REPORTING: frozenset({State.IDLE, State.FAULT}),
+    StationState.STORING: frozenset({StationState.REPORTING, StationState.FAULT}),
+    StationState.REPORTING: frozenset({StationState.IDLE, StationState.FAULT}),
     # Only a reset leads out.
-    State.FAULT: frozenset({State.IDLE}),
+    StationState.FAULT: frozenset({StationState.IDLE}),
 }
 
 
@@ -48,16 +35,16 @@ class StateMachine:
         Called with each new state, after the change.
     """
 
-    def __init__(self, entered: Callable[[State], None]) -> None:
-        self._state = State.IDLE
+    def __init__(self, entered: Callable[[StationState], None]) -> None:
+        self._state = StationState.IDLE
         self._entered = entered
 
     @property
-    def state(self) -> State:
+    def state(self) -> StationState:
         """The current state; IDLE at the start."""
         return self._state
 
-    def enter(self, state: State) -> None:
+    def enter(self, state: StationState) -> None:
         """Change to `state`.
 
         Raises

@@ -2,7 +2,8 @@ import itertools
 
 import pytest
 
-from station.states import TRANSITIONS, IllegalTransitionError, State, StateMachine
+from station.line.messages import StationState as State
+from station.states import TRANSITIONS, IllegalTransitionError, StateMachine
 
 PATHS = {
     State.IDLE: [],

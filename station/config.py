@@ -1,0 +1,281 @@
+"""The station's configuration: one TOML file, every field described, every number bounded."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.values import MeasureSettings, Side
+from sensors.camera import CameraSettings
+from sensors.formats.validation import Name, StrictModel
+from station.toml import read_toml
+from station.vehicle_types import Label, VehicleType, read_vehicle_types
+
+Millimetres = Annotated[float, Field(ge=-500, le=500)]
+Seconds = Annotated[float, Field(gt=0, le=600)]
+WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}_(left|right)$")]
+FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
+
+
+class StationSettings(StrictModel):
+    """Who this station is."""
+
+    id: Name = Field(description="Identity of the station in every record")
+    name: Label = Field(description="Name for people")
+    plant: Label = Field(description="Plant it stands in")
+
+
+class DatabaseSettings(StrictModel):
+    """Where results go."""
+
+    url: str = Field(
+        min_length=1,
+        max_length=1000,
+        description="'sqlite:///FILE', a relative FILE being relative to this file's folder, or "
+        "'postgresql://USER@HOST/DATABASE'",
+    )
+    create: bool = Field(
+        default=False, description="Make the database when it is missing, which a production server forbids"
+    )
+    timeout_s: Seconds = Field(default=5.0, description="Longest wait for one commit, seconds")
+
+
+class LineSettings(StrictModel):
+    """The bus to the PLC."""
+
+    interface: str = Field(
+        default="virtual",
+        pattern=r"^[a-z0-9_]{1,40}$",
+        description="Kind of interface, as python-can names it",
+    )
+    channel: str = Field(min_length=1, max_length=200, description="Channel of the interface, such as can0")
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000, description="Bits per second")
+    dbc: FilePath = Field(description="File that describes the messages")
+    log: FilePath | None = Field(
+        default=None, description="File for all traffic: .log (candump), .asc or .blf; no log without"
+    )
+    acknowledge_timeout_s: Seconds = Field(
+        default=2.0, description="Longest wait for the PLC to acknowledge results, seconds"
+    )
+
+
+class CycleSettings(StrictModel):
+    """Bounds of one measuring cycle."""
+
+    shoot_timeout_s: Seconds = Field(
+        default=2.0, description="Longest wait for the images of one wheel, seconds"
+    )
+    measure_timeout_s: Seconds = Field(
+        default=10.0, description="Longest time from the first exposure to the last angle, seconds"
+    )
+    calibration_max_age_days: float = Field(
+        default=365.0, gt=0, le=36_500, description="A calibration older than this gives no verdict, days"
+    )
+
+
+class CameraOptions(StrictModel):
+    """What every camera is told."""
+
+    exposure_ms: float = Field(default=5.0, gt=0, le=1000, description="Exposure time, milliseconds")
+    gain_db: float = Field(default=0.0, ge=0, le=60, description="Analogue gain, decibels")
+
+    def settings(self) -> CameraSettings:
+        """Return the value that the drivers take."""
+        return CameraSettings(self.exposure_ms, self.gain_db)
+
+
+class MeasureOptions(StrictModel):
+    """Choices of the measurement."""
+
+    depth_range_mm: tuple[Millimetres, Millimetres] = Field(
+        default=(-60.0, 60.0), description="Lowest and highest z of the tyre's surface in the rig frame"
+    )
+    method: Literal["revolution", "plane"] = Field(
+        default="revolution", description="Surface of revolution with a free profile, or robust plane"
+    )
+    minimum_points: int = Field(
+        default=300, ge=10, le=1_000_000, description="Fewer points per head refuse the measurement"
+    )
+    maximum_angle_deg: float = Field(
+        default=10.0, gt=0, le=10, description="Largest believable camber or toe, degrees"
+    )
+    coverage_factor: float = Field(
+        default=2.0, ge=1, le=5, description="k of the expanded uncertainty; 2 for about 95 %"
+    )
+
+    @model_validator(mode="after")
+    def _range_is_in_order(self) -> MeasureOptions:
+        low, high = self.depth_range_mm
+        if low >= high:
+            raise DegenerateInputError(
+                field="depth_range_mm", expected="the lower value first", seen=f"{low}, {high}"
+            )
+        return self
+
+    def settings(self) -> MeasureSettings:
+        """Return the value that the mathematics uses."""
+        return MeasureSettings(
+            depth_range_mm=self.depth_range_mm,
+            method=self.method,
+            minimum_points=self.minimum_points,
+            maximum_angle=math.radians(self.maximum_angle_deg),
+            coverage_factor=self.coverage_factor,
+        )
+
+
+class RecordedOptions(StrictModel):
+    """Cameras that play recorded shots."""
+
+    shots: FilePath = Field(description="Folder of recorded shots, played in the order of their names")
+    at_end: Literal["stop", "repeat"] = Field(
+        default="stop", description="What follows the last shot: a camera fault, or the first shot again"
+    )
+
+
+class SimulatedOptions(StrictModel):
+    """Cameras that look at a simulated wheel, a new one for every trigger."""
+
+    seed: int = Field(ge=0, lt=2**32, description="Of the rig and of all its wheels")
+    rig: Literal["standard", "dense", "central", "ccir"] = Field(
+        default="standard", description="Geometry, cameras and light of the rig"
+    )
+    camber_deg: float = Field(default=0.0, ge=-5, le=5, description="Mean camber of the wheels, degrees")
+    toe_deg: float = Field(default=0.0, ge=-5, le=5, description="Mean toe of the wheels, degrees")
+    spread_deg: float = Field(
+        default=0.1, ge=0, le=3, description="Standard deviation of both angles, degrees"
+    )
+
+
+class RigSettings(StrictModel):
+    """The heads that look at one wheel; their number and names stand in the calibration."""
+
+    name: WheelName = Field(
+        description="Position of the wheel, an axle and a side, such as front_left; shots and calibrations"
+        " name the same"
+    )
+    calibration: FilePath | None = Field(
+        default=None, description="Calibration file; a simulated rig without one knows its true cameras"
+    )
+    recorded: RecordedOptions | None = Field(default=None, description="The cameras play recorded shots")
+    simulated: SimulatedOptions | None = Field(default=None, description="The cameras are simulated")
+
+    @model_validator(mode="after")
+    def _has_one_driver(self) -> RigSettings:
+        drivers = [name for name in ("recorded", "simulated") if getattr(self, name) is not None]
+        if len(drivers) != 1:
+            raise DegenerateInputError(
+                expected="one table that says what drives the cameras: recorded or simulated",
+                seen=" and ".join(drivers) or "none",
+            )
+        if self.calibration is None and self.simulated is None:
+            raise DegenerateInputError(
+                field="calibration", expected="the calibration file of this rig", seen="none"
+            )
+        return self
+
+    @property
+    def axle(self) -> str:
+        """The axle, such as ``front``."""
+        return self.name.rpartition("_")[0]
+
+    @property
+    def side(self) -> Side:
+        """The side of the vehicle."""
+        return "left" if self.name.endswith("_left") else "right"
+
+
+class StationConfig(StrictModel):
+    """What ``station.toml`` holds; paths are relative to its folder."""
+
+    station: StationSettings = Field(description="Who this station is")
+    database: DatabaseSettings = Field(description="Where results go")
+    line: LineSettings = Field(description="The bus to the PLC")
+    vehicle_types: FilePath = Field(description="Folder with one TOML file per vehicle type")
+    cycle: CycleSettings = Field(default=CycleSettings(), description="Bounds of one measuring cycle")
+    cameras: CameraOptions = Field(default=CameraOptions(), description="What every camera is told")
+    measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
+    rigs: tuple[RigSettings, ...] = Field(min_length=1, max_length=16, description="One per wheel position")
+
+    @model_validator(mode="after")
+    def _rigs_differ(self) -> StationConfig:
+        names = [rig.name for rig in self.rigs]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise DegenerateInputError(
+                field="rigs", expected="rigs with different names", seen=f"'{twice}' twice"
+            )
+        return self
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A station's configuration with everything it refers to.
+
+    Attributes
+    ----------
+    file
+        Where it was read; relative paths start at its folder.
+    settings
+        Its content.
+    vehicle_types
+        By number.
+    """
+
+    file: Path
+    settings: StationConfig
+    vehicle_types: Mapping[int, VehicleType]
+
+    def path(self, relative: str) -> Path:
+        """Return a path of the file as one that can be opened."""
+        return self.file.parent / relative
+
+    @property
+    def database_url(self) -> str:
+        """The database URL, an SQLite file relative to the configuration resolved."""
+        prefix = "sqlite:///"
+        url = self.settings.database.url
+        if not url.startswith(prefix):
+            return url
+        name, mark, options = url.removeprefix(prefix).partition("?")
+        return f"{prefix}{self.path(name)}{mark}{options}" if name and name != ":memory:" else url
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of what decides results: settings, vehicle types, DBC; every record carries it.
+
+        Where results are stored is left out: it changes none, and may hold a password.
+        """
+        content = {
+            "station": self.settings.model_dump(mode="json", exclude={"database"}),
+            "vehicle_types": [kind.model_dump(mode="json") for _, kind in sorted(self.vehicle_types.items())],
+            "dbc": hashlib.sha256(self.path(self.settings.line.dbc).read_bytes()).hexdigest(),
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def read_configuration(path: Path) -> Configuration:
+    """Read a station's configuration and the vehicle types it names.
+
+    Raises
+    ------
+    ConfigurationError
+        When one of the files is missing, or a field of one is missing, unknown or out of range.
+    """
+    settings = read_toml(StationConfig, path, "a station's configuration")
+    for field, name, found in (
+        ("line.dbc", settings.line.dbc, (path.parent / settings.line.dbc).is_file()),
+        ("vehicle_types", settings.vehicle_types, (path.parent / settings.vehicle_types).is_dir()),
+    ):
+        if not found:
+            raise ConfigurationError(
+                file=path, field=field, expected="a file or folder that exists", seen=f"'{name}'"
+            )
+    return Configuration(path, settings, read_vehicle_types(path.parent / settings.vehicle_types))

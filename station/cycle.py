@@ -1,0 +1,420 @@
+"""The measuring cycle: from a trigger to a committed result, and only then to the answer.
+
+Whatever fails on the way, the cycle ends in a defined state with a record that says why; the line is told OK
+of a wheel only when its record is committed. Every wait is bounded.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from datetime import datetime, timedelta
+from typing import TypeVar
+from uuid import uuid4
+
+from alignment.errors import (
+    InputError,
+    LineError,
+    StoreError,
+    StoreUnavailableError,
+    TruewheelError,
+)
+from db.records import (
+    CalibrationRecord,
+    CycleOutcome,
+    CycleRecord,
+    EventRecord,
+    Severity,
+    VehicleRecord,
+)
+from station.evaluation import Evaluation, axle_of, evaluate
+from station.line.messages import (
+    Abort,
+    Acknowledge,
+    Command,
+    LineErrorCode,
+    Outcome,
+    Reset,
+    StationState,
+    StationStatus,
+    Trigger,
+)
+from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
+from station.records import (
+    Standing,
+    axle_answers,
+    axle_records,
+    last_measured,
+    vehicle_answer,
+    vehicle_record,
+    wheel_answers,
+    wheel_records,
+)
+from station.states import StateMachine
+from station.vehicle_types import VehicleType
+from station.verdict import cycle_outcome
+from station.wheels import ABORTED, WheelPosition, WheelResult, connect_all, fault, utc_now
+
+POLL_S = 0.02
+_R = TypeVar("_R", CycleRecord, CalibrationRecord, EventRecord)
+_LOG = logging.getLogger("truewheel.station")
+
+
+class MeasuringCycle:
+    """Serves triggers, one at a time. All methods are called from one thread.
+
+    Parameters
+    ----------
+    identity
+        For the records.
+    positions
+        One per wheel; their rigs are connected.
+    vehicle_types
+        By the number that a trigger carries.
+    line, store
+        Open.
+    bounds
+        Of every wait.
+    coverage_factor
+        k of the expanded uncertainty in verdicts and answers.
+    observer
+        Watches.
+    clock, now
+        Monotonic seconds, the same clock as the line's; and aware UTC time.
+    """
+
+    def __init__(
+        self,
+        identity: Identity,
+        positions: Sequence[WheelPosition],
+        vehicle_types: Mapping[int, VehicleType],
+        line: Line,
+        store: Store,
+        bounds: Bounds,
+        coverage_factor: float = 2.0,
+        observer: Observer | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        now: Callable[[], datetime] = utc_now,
+    ) -> None:
+        self._identity = identity
+        self._positions = {position.name: position for position in positions}
+        self._vehicle_types = vehicle_types
+        self._line = line
+        self._store = store
+        self._bounds = bounds
+        self._coverage_factor = coverage_factor
+        self._observer = observer or Observer()
+        self._clock = clock
+        self._now = now
+        self._machine = StateMachine(self._entered)
+        self._error = LineErrorCode.NONE
+        self._interruption: Command | None = None
+        self._running: set[Future[WheelResult]] = set()
+        self._measured_s = 0.0
+        # Cameras mostly wait, so each rig has a thread; the mathematics releases the interpreter.
+        self._wheel_threads = ThreadPoolExecutor(max(1, len(positions)), "wheel")
+        self._store_thread = ThreadPoolExecutor(1, "store")
+
+    @property
+    def state(self) -> StationState:
+        """Where the cycle is."""
+        return self._machine.state
+
+    def start(self) -> None:
+        """Record the calibrations and the start, and be ready for triggers.
+
+        Raises
+        ------
+        StoreError
+            When they cannot be recorded.
+        """
+        for position in self._positions.values():
+            self._in_store(self._store.record_calibration, position.in_force.record())
+        version = self._identity.software_version
+        self._in_store(
+            self._store.record_event, self._event(Severity.INFO, "started", f"version {version} started")
+        )
+        self._line.publish(StationStatus(self.state))
+
+    def close(self) -> None:
+        """End the threads; a wheel or a commit that is under way is waited for."""
+        self._wheel_threads.shutdown(cancel_futures=True)
+        self._store_thread.shutdown()
+
+    def serve(self, stopping: threading.Event) -> None:
+        """Serve commands until told to stop; a cycle that has begun is finished.
+
+        Whatever unforeseen error ends it, the line is told of a fault first.
+        """
+        try:
+            while not stopping.is_set():
+                self.step(5 * POLL_S)
+        except BaseException:
+            self._line.publish(StationStatus(StationState.FAULT, LineErrorCode.INTERNAL_FAULT))
+            raise
+
+    def step(self, timeout_s: float) -> CycleReport | None:
+        """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
+        command = self._line.next_command(timeout_s)
+        if isinstance(command, Reset):
+            self._recover()
+        # Abort and acknowledge without a cycle are harmless.
+        return self._serve_trigger(command) if isinstance(command, Trigger) else None
+
+    def _serve_trigger(self, trigger: Trigger) -> CycleReport | None:
+        code = self._refusal(trigger)
+        if code is not None:
+            self._line.refuse(trigger.sequence, code)
+            self._note(Severity.WARNING, str(code), f"start {trigger} was refused")
+            return None
+        self._interruption = None
+        self._error = LineErrorCode.NONE
+        kind = self._vehicle_types[trigger.vehicle_type]
+        received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
+        self._machine.enter(StationState.ARMED)
+        results = self._measured([self._positions[wheel] for wheel in trigger.wheels], trigger)
+        self._measured_s = self._clock()
+        self._machine.enter(StationState.EVALUATING)
+        evaluation = evaluate(kind, results, self._coverage_factor)
+        self._poll(trigger)
+        record = self._record(trigger, kind, evaluation, received_utc)
+        self._machine.enter(StationState.STORING)
+        committed_s = self._commit(record)
+        self._poll(trigger)
+        self._machine.enter(StationState.REPORTING)
+        report = CycleReport(
+            trigger, record, evaluation, committed_s, self._tell(trigger, record, evaluation, committed_s)
+        )
+        self._observer.cycle_done(report)
+        self._drain()
+        self._machine.enter(StationState.FAULT if self._needs_reset(report) else StationState.IDLE)
+        if isinstance(self._interruption, Reset):
+            self._recover()
+        return report
+
+    def _refusal(self, trigger: Trigger) -> LineErrorCode | None:
+        """Why this trigger cannot be served, if it cannot."""
+        if self.state is not StationState.IDLE:
+            return LineErrorCode.RESET_REQUIRED
+        kind = self._vehicle_types.get(trigger.vehicle_type)
+        if kind is None:
+            return LineErrorCode.UNKNOWN_VEHICLE_TYPE
+        if all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels):
+            return None
+        return LineErrorCode.WHEEL_NOT_AVAILABLE
+
+    def _measured(self, positions: Sequence[WheelPosition], trigger: Trigger) -> tuple[WheelResult, ...]:
+        """Arm, shoot and measure; one result for each position, whatever happens."""
+        results: dict[str, WheelResult] = {}
+        armed = []
+        for position in positions:
+            try:
+                position.rig.arm()
+                armed.append(position)
+            except TruewheelError as error:
+                results[position.name] = position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
+        if armed and not self._poll(trigger):
+            self._machine.enter(StationState.MEASURING)
+            results |= self._run_wheels(armed, trigger)
+        return tuple(results.get(p.name) or p.failed(ABORTED) for p in positions)
+
+    def _run_wheels(self, positions: Sequence[WheelPosition], trigger: Trigger) -> dict[str, WheelResult]:
+        by_future = {self._wheel_threads.submit(position.run): position for position in positions}
+        results: dict[str, WheelResult] = {}
+        deadline = self._clock() + self._bounds.measure_s
+        self._running = set(by_future)
+        while self._running and not self._poll(trigger) and self._clock() < deadline:
+            done, self._running = wait(self._running, POLL_S, FIRST_COMPLETED)
+            for future in done:
+                result = _result_of(future, by_future[future])
+                results[result.wheel] = result
+                self._observer.wheel_done(result)
+        if self._interruption is None:
+            for position in (by_future[future] for future in self._running):
+                text = f"{position.name}: expected images and angles within {self._bounds.measure_s:g} s"
+                results[position.name] = position.failed(fault(LineErrorCode.CYCLE_TIMEOUT, text))
+        return results
+
+    def _record(
+        self, trigger: Trigger, kind: VehicleType, evaluation: Evaluation, received_utc: datetime
+    ) -> CycleRecord:
+        # A part of the station that failed says more than a wheel that was refused.
+        failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
+        outcome = cycle_outcome(
+            evaluation.angles, fault=bool(failures), aborted=self._interruption is not None
+        )
+        code: str | None = None
+        text: str | None = None
+        if failures:
+            self._error, code = failures[0].error_code, failures[0].reason_code
+            text = "; ".join(failure.text for failure in failures)
+        elif outcome is CycleOutcome.FAULT:
+            self._error = LineErrorCode.CALIBRATION_FAULT
+            code, text = str(self._error), "an angle has no valid calibration behind it"
+        if outcome is CycleOutcome.ABORTED:
+            code, text = "aborted", f"the line sent {self._interruption}"
+        measured_utc = last_measured(evaluation)
+        return CycleRecord(
+            uuid=uuid4(),
+            station=self._identity.station,
+            trigger_sequence=trigger.sequence,
+            received_utc=received_utc,
+            received_monotonic_s=trigger.received_s,
+            measured_utc=measured_utc,
+            measured_monotonic_s=None if measured_utc is None else self._measured_s,
+            outcome=outcome,
+            software_version=self._identity.software_version,
+            config_hash=self._identity.config_hash,
+            vehicle=VehicleRecord(trigger.vin, kind.name),
+            reason_code=code,
+            reason_text=text,
+            wheels=wheel_records(evaluation),
+            axles=axle_records(evaluation),
+            vehicle_angles=vehicle_record(evaluation),
+        )
+
+    def _commit(self, record: CycleRecord) -> float | None:
+        """Store the record; the time of the commit, or None when there was none."""
+        try:
+            self._in_store(self._store.write_cycle, record)
+        except (StoreError, InputError) as error:
+            _LOG.error("cycle %s was not stored: %s", record.uuid, error)
+            self._error = LineErrorCode.STORE_FAULT
+            return None
+        return self._clock()
+
+    def _tell(
+        self, trigger: Trigger, record: CycleRecord, evaluation: Evaluation, committed_s: float | None
+    ) -> Outcome | None:
+        """Tell the line, and wait for its acknowledgement."""
+        if isinstance(self._interruption, Reset):
+            # The line forgot this vehicle; its number may be in use again.
+            return None
+        standing = Standing.COMMITTED if committed_s is not None else Standing.NOT_COMMITTED
+        if self._interruption is not None:
+            standing = Standing.ABORTED
+            if record.outcome is not CycleOutcome.ABORTED:
+                self._note(
+                    Severity.WARNING, "aborted_late", f"cycle {record.uuid} was aborted after its commit"
+                )
+        try:
+            told = self._line.send_results(
+                trigger.sequence,
+                wheel_answers(evaluation, standing),
+                axle_answers(evaluation, standing),
+                vehicle_answer(evaluation, standing),
+            )
+        except (LineError, InputError) as error:
+            _LOG.error("results of cycle %s were not sent: %s", record.uuid, error)
+            self._note(Severity.ERROR, "not_reported", f"cycle {record.uuid}: {error}")
+            self._error = LineErrorCode.LINE_FAULT
+            return None
+        self._await_acknowledgement(trigger)
+        return told
+
+    def _await_acknowledgement(self, trigger: Trigger) -> None:
+        deadline = self._clock() + self._bounds.acknowledge_s
+        while (remaining := deadline - self._clock()) > 0:
+            command = self._line.next_command(min(remaining, 5 * POLL_S))
+            if isinstance(command, Acknowledge) and command.sequence == trigger.sequence:
+                return
+            if isinstance(command, Reset):
+                self._interruption = command
+                return
+        self._note(
+            Severity.WARNING,
+            str(LineErrorCode.NOT_ACKNOWLEDGED),
+            f"results of start {trigger.sequence} were not acknowledged within "
+            f"{self._bounds.acknowledge_s:g} s",
+        )
+
+    def _needs_reset(self, report: CycleReport) -> bool:
+        not_told = report.told is None and not isinstance(self._interruption, Reset)
+        return (
+            report.committed_s is None
+            or not_told
+            or bool(self._running)
+            or any(failure.needs_reset for failure in report.evaluation.failures)
+        )
+
+    def _drain(self) -> None:
+        """After an abort, wait for the wheels that were left behind: their cameras are still in use."""
+        if self._running and self._interruption is not None:
+            _, self._running = wait(self._running, self._bounds.measure_s)
+            if self._running:
+                self._error = LineErrorCode.CYCLE_TIMEOUT
+
+    def _recover(self) -> None:
+        """Leave the fault if what failed is back."""
+        if self.state is not StationState.FAULT:
+            self._line.publish(StationStatus(self.state, self._error))
+            return
+        self._running = {future for future in self._running if not future.done()}
+        failures = connect_all([position.rig for position in self._positions.values()])
+        if self._running:
+            self._error = LineErrorCode.CYCLE_TIMEOUT
+        elif failures:
+            self._error = LineErrorCode.CAMERA_FAULT
+            self._note(Severity.ERROR, str(self._error), "; ".join(map(str, failures)))
+        elif not self._note(Severity.INFO, "reset", "the line reset the station"):
+            self._error = LineErrorCode.STORE_FAULT
+        else:
+            self._machine.enter(StationState.IDLE)
+            return
+        self._entered(StationState.FAULT)
+
+    def _poll(self, trigger: Trigger) -> bool:
+        """Look for an abort of this trigger or a reset; true when the cycle is to end."""
+        if self._interruption is None:
+            command = self._line.next_command(0.0)
+            of_this = isinstance(command, Abort) and command.sequence == trigger.sequence
+            if of_this or isinstance(command, Reset):
+                self._interruption = command
+        return self._interruption is not None
+
+    def _entered(self, state: StationState) -> None:
+        if state is StationState.IDLE:
+            self._error = LineErrorCode.NONE
+        if state is StationState.FAULT and self._error is LineErrorCode.NONE:
+            self._error = LineErrorCode.INTERNAL_FAULT
+        self._line.publish(StationStatus(state, self._error))
+        self._observer.entered(state)
+
+    def _in_store(self, call: Callable[[_R], None], record: _R) -> None:
+        """Call the store in its own thread, so that a database that hangs does not hang the station."""
+        future = self._store_thread.submit(call, record)
+        try:
+            future.result(self._bounds.store_s)
+        except TimeoutError as error:
+            future.cancel()
+            raise StoreUnavailableError(
+                f"the database did not answer within {self._bounds.store_s:g} s. Check its load and its disk"
+            ) from error
+
+    def _note(self, severity: Severity, code: str, text: str) -> bool:
+        """Record an event; false when the database did not take it, which the next commit will meet too."""
+        try:
+            self._in_store(self._store.record_event, self._event(severity, code, text))
+        except StoreError as error:
+            _LOG.error("event %s was not stored: %s (%s)", code, text, error)
+            return False
+        return True
+
+    def _event(self, severity: Severity, code: str, text: str) -> EventRecord:
+        return EventRecord(
+            self._now(), self._identity.station, severity, "station.cycle", code, text, self._clock()
+        )
+
+
+def _result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:
+    try:
+        return future.result()
+    except Exception as error:  # noqa: BLE001
+        # A mistake in the program must become a fault that the line is told of, not a silent line.
+        _LOG.exception("%s failed", position.name)
+        return position.failed(
+            fault(LineErrorCode.INTERNAL_FAULT, f"{position.name}: {type(error).__name__}: {error}")
+        )

@@ -1,0 +1,114 @@
+"""What surrounds the measuring cycle: line, store and observer as it sees them, and its plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from db.records import CalibrationRecord, CycleRecord, EventRecord
+from station.evaluation import Evaluation
+from station.line.messages import (
+    AxleAnswer,
+    Command,
+    LineErrorCode,
+    Outcome,
+    StationState,
+    StationStatus,
+    Trigger,
+    VehicleAnswer,
+    WheelAnswer,
+)
+from station.wheels import WheelResult
+
+
+class Line(Protocol):
+    """What the cycle needs of the line; `station.line.interface.StationLine` is one."""
+
+    def next_command(self, timeout_s: float) -> Command | None:
+        """Take the next command."""
+        ...
+
+    def publish(self, status: StationStatus) -> None:
+        """Say what the cycle does."""
+        ...
+
+    def send_results(
+        self,
+        sequence: int,
+        wheel_answers: Sequence[WheelAnswer],
+        axle_answers: Sequence[AxleAnswer] = (),
+        vehicle_answer: VehicleAnswer | None = None,
+    ) -> Outcome:
+        """Send all results of a start."""
+        ...
+
+    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+        """Decline a start."""
+        ...
+
+
+class Store(Protocol):
+    """What the cycle needs of the database; `db.store.ResultStore` is one."""
+
+    def write_cycle(self, record: CycleRecord) -> None:
+        """Store a cycle, durable on return."""
+        ...
+
+    def record_calibration(self, record: CalibrationRecord) -> None:
+        """Store a calibration."""
+        ...
+
+    def record_event(self, record: EventRecord) -> None:
+        """Store an event."""
+        ...
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What every record says of the program that made it."""
+
+    station: str
+    software_version: str
+    config_hash: str
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Longest waits of a cycle, seconds: for all wheels, for one commit, for the acknowledgement."""
+
+    measure_s: float
+    store_s: float
+    acknowledge_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class CycleReport:
+    """One cycle as it ended.
+
+    Attributes
+    ----------
+    committed_s
+        When the commit returned, monotonic seconds; None when nothing was stored.
+    told
+        What the line was told of the vehicle; None when it was told nothing.
+    """
+
+    trigger: Trigger
+    record: CycleRecord
+    evaluation: Evaluation
+    committed_s: float | None
+    told: Outcome | None
+
+
+class Observer:
+    """Watches the cycle; does nothing unless overridden. Called in the cycle's thread, so be quick."""
+
+    def entered(self, state: StationState) -> None:
+        """Look at a new state."""
+
+    def wheel_done(self, result: WheelResult) -> None:
+        """Look at the result of a wheel."""
+
+    def cycle_done(self, report: CycleReport) -> None:
+        """Look at a finished cycle."""

@@ -1,0 +1,121 @@
+"""Vehicle types: which angles the wheels of a vehicle may have; one TOML file each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from alignment.errors import ConfigurationError, DegenerateInputError
+from sensors.formats.validation import StrictModel
+from station.toml import read_toml
+from station.verdict import Limits
+
+LARGEST_DEG = 10.0
+Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
+Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]+$")]
+AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
+
+
+class Tolerance(StrictModel):
+    """Limits of one angle: nominal ± tolerance, or lower and upper."""
+
+    nominal_deg: Degrees | None = Field(default=None, description="Nominal value, degrees")
+    tolerance_deg: float | None = Field(
+        default=None, gt=0, le=LARGEST_DEG, description="Accepted deviation to both sides, degrees"
+    )
+    lower_deg: Degrees | None = Field(default=None, description="Lowest accepted value, degrees")
+    upper_deg: Degrees | None = Field(default=None, description="Highest accepted value, degrees")
+
+    @model_validator(mode="after")
+    def _is_one_of_the_two(self) -> Tolerance:
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if given not in (["nominal_deg", "tolerance_deg"], ["lower_deg", "upper_deg"]):
+            raise DegenerateInputError(
+                expected="either nominal_deg and tolerance_deg, or lower_deg and upper_deg",
+                seen=" and ".join(given) or "none of them",
+            )
+        if self.lower_deg is not None and self.upper_deg is not None and self.lower_deg >= self.upper_deg:
+            raise DegenerateInputError(
+                field="upper_deg", expected=f"above lower_deg, {self.lower_deg}", seen=str(self.upper_deg)
+            )
+        return self
+
+    def limits(self) -> Limits:
+        """Return the limits in radians."""
+        if self.nominal_deg is not None and self.tolerance_deg is not None:
+            low, high = self.nominal_deg - self.tolerance_deg, self.nominal_deg + self.tolerance_deg
+        else:
+            assert self.lower_deg is not None
+            assert self.upper_deg is not None
+            low, high = self.lower_deg, self.upper_deg
+        return Limits(math.radians(low), math.radians(high))
+
+
+class AxleTolerances(StrictModel):
+    """Limits of one axle; signs: camber positive when the top leans outboard, toe positive for toe-in."""
+
+    camber: Tolerance = Field(description="Camber of each wheel")
+    toe: Tolerance = Field(description="Individual toe of each wheel")
+    total_toe: Tolerance | None = Field(default=None, description="Left plus right toe; not judged without")
+    camber_difference: Tolerance | None = Field(
+        default=None, description="Left minus right camber; not judged without"
+    )
+
+
+class VehicleType(StrictModel):
+    """What is accepted of one type of vehicle."""
+
+    number: int = Field(ge=0, le=65_535, description="Number by which the line names this type")
+    name: Label = Field(description="Name, for people and records")
+    guard_band: bool = Field(
+        default=True,
+        description="Narrow the limits by the expanded uncertainty before the verdict (ISO 14253-1)",
+    )
+    thrust_sign: Literal["left_positive", "right_positive"] = Field(
+        default="left_positive", description="Which side a positive thrust angle points to"
+    )
+    axles: dict[AxleName, AxleTolerances] = Field(
+        min_length=1, max_length=8, description="Limits per axle; 'front' and 'rear' for a car"
+    )
+    thrust_angle: Tolerance | None = Field(
+        default=None, description="Direction in which the rear axle rolls; not judged without"
+    )
+
+
+def read_vehicle_type(path: Path) -> VehicleType:
+    """Read one vehicle type; errors as `station.toml.read_toml`."""
+    return read_toml(VehicleType, path, "a vehicle type")
+
+
+def read_vehicle_types(folder: Path) -> Mapping[int, VehicleType]:
+    """Read all vehicle types of a folder, by their number.
+
+    Raises
+    ------
+    ConfigurationError
+        When there is none, one cannot be read, or two have the same number or name.
+    """
+    paths = sorted(folder.glob("*.toml"))
+    if not paths:
+        raise ConfigurationError(
+            file=folder, expected="a folder with one TOML file per vehicle type", seen="none"
+        )
+    found: dict[int, VehicleType] = {}
+    origin: dict[int | str, Path] = {}
+    for path in paths:
+        kind = read_vehicle_type(path)
+        for field, key in (("number", kind.number), ("name", kind.name)):
+            if key in origin:
+                raise ConfigurationError(
+                    file=path,
+                    field=field,
+                    expected="one that no other vehicle type has",
+                    seen=f"{key!r}, as in {origin[key].name}",
+                )
+            origin[key] = path
+        found[kind.number] = kind
+    return found

@@ -1,0 +1,268 @@
+"""One wheel position: its rig, its calibration, and what came of one shot."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any, Protocol
+
+from alignment.errors import TruewheelError
+from alignment.values import (
+    MeasureSettings,
+    Refusal,
+    RigCalibration,
+    StereoImages,
+    WheelMeasurement,
+)
+from db.records import CalibrationRecord, WheelOutcome
+from sensors.formats.shot import check_shot_matches
+from sensors.shot import WheelShot
+from station.line.messages import LineErrorCode
+
+MeasureFunction = Callable[
+    [Sequence[StereoImages], RigCalibration, MeasureSettings], WheelMeasurement | Refusal
+]
+
+
+LARGEST_UNCERTAINTY = math.radians(1.0)
+"""Expanded; beyond it a value says nothing about a vehicle, and the line cannot carry it."""
+
+
+def utc_now() -> datetime:
+    """Return the aware UTC time, for records."""
+    return datetime.now(UTC)
+
+
+class ShootingRig(Protocol):
+    """What the cycle needs of a rig; `sensors.heads.Rig` is one."""
+
+    name: str
+
+    def connect(self) -> None:
+        """Reach all cameras."""
+        ...
+
+    def arm(self) -> None:
+        """Prepare all cameras."""
+        ...
+
+    def shoot(self, timeout_s: float) -> WheelShot:
+        """Take one image with each camera."""
+        ...
+
+    def close(self) -> None:
+        """Let all cameras go."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationInForce:
+    """The calibration of a rig, how long it may be used, and the document it was read from."""
+
+    calibration: RigCalibration
+    created_utc: datetime
+    max_age_days: float
+    document: Mapping[str, Any]
+
+    @property
+    def valid_until_utc(self) -> datetime:
+        """End of its use."""
+        return self.created_utc + timedelta(days=self.max_age_days)
+
+    def valid_at(self, now: datetime) -> bool:
+        """Whether it may be used at this time."""
+        return self.created_utc <= now < self.valid_until_utc
+
+    def record(self) -> CalibrationRecord:
+        """Return the record of it; its end is left open, because the configuration may change that."""
+        return CalibrationRecord(
+            id=self.calibration.id,
+            rig=self.calibration.rig,
+            valid_from_utc=self.created_utc,
+            document=self.document,
+        )
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a wheel has no angles.
+
+    Attributes
+    ----------
+    outcome
+        ``refused`` when the images were taken and judged unusable, ``fault`` when the station failed.
+    error_code
+        What the line is told.
+    reason_code, text
+        What is recorded: for programs, and for people.
+    """
+
+    outcome: WheelOutcome
+    error_code: LineErrorCode
+    reason_code: str
+    text: str
+
+    @property
+    def needs_reset(self) -> bool:
+        """Whether somebody must look at the station before the next cycle, unlike after a refused wheel."""
+        return self.outcome is WheelOutcome.FAULT and self.error_code is not LineErrorCode.NONE
+
+
+def fault(error_code: LineErrorCode, text: str) -> Failure:
+    """Return the failure of a station part."""
+    return Failure(WheelOutcome.FAULT, error_code, str(error_code), text)
+
+
+ABORTED = Failure(
+    WheelOutcome.FAULT, LineErrorCode.NONE, "aborted", "the cycle was aborted before this wheel was measured"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class WheelResult:
+    """What came of one wheel in one cycle: a measurement, or why there is none.
+
+    Attributes
+    ----------
+    calibration_id, calibration_valid
+        The calibration it rests on, and whether that was in force.
+    measured_utc, device_time_s
+        Time of the images, and of the first camera's own clock; None when there are none.
+    duration_s
+        Of the measurement, without the images.
+    """
+
+    wheel: str
+    calibration_id: str
+    calibration_valid: bool
+    measurement: WheelMeasurement | None
+    failure: Failure | None
+    measured_utc: datetime | None = None
+    device_time_s: float | None = None
+    duration_s: float | None = None
+
+
+class WheelPosition:
+    """Measures the wheel in front of one rig.
+
+    Parameters
+    ----------
+    rig
+        Its cameras.
+    in_force
+        Its calibration.
+    measure
+        `alignment.measure.measure_wheel`, or one like it.
+    settings
+        Choices of the measurement.
+    shoot_timeout_s
+        Bound of the waiting for images, seconds.
+    clock, now
+        Monotonic seconds, and aware UTC time.
+    """
+
+    def __init__(
+        self,
+        rig: ShootingRig,
+        in_force: CalibrationInForce,
+        measure: MeasureFunction,
+        settings: MeasureSettings,
+        shoot_timeout_s: float,
+        clock: Callable[[], float] = time.monotonic,
+        now: Callable[[], datetime] = utc_now,
+    ) -> None:
+        self.rig = rig
+        self.in_force = in_force
+        self._measure = measure
+        self._settings = settings
+        self._shoot_timeout_s = shoot_timeout_s
+        self._clock = clock
+        self._now = now
+
+    @property
+    def name(self) -> str:
+        """Name of the wheel, which is its rig's."""
+        return self.rig.name
+
+    def failed(self, failure: Failure) -> WheelResult:
+        """Return the result of this wheel when it was not measured."""
+        valid = self.in_force.valid_at(self._now())
+        return WheelResult(self.name, self.in_force.calibration.id, valid, None, failure)
+
+    def run(self) -> WheelResult:
+        """Shoot and measure; every failure of a camera or of the measurement becomes part of the result."""
+        calibration = self.in_force.calibration
+        if not self.in_force.valid_at(self._now()):
+            return self.failed(
+                fault(
+                    LineErrorCode.CALIBRATION_FAULT,
+                    f"{self.name}: calibration {calibration.id} is valid from "
+                    f"{self.in_force.created_utc:%Y-%m-%d} to {self.in_force.valid_until_utc:%Y-%m-%d}; "
+                    "calibrate the rig",
+                )
+            )
+        try:
+            shot = self.rig.shoot(self._shoot_timeout_s)
+        except TruewheelError as error:
+            return self.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
+        try:
+            check_shot_matches(shot, calibration)
+        except TruewheelError as error:
+            return self.failed(fault(LineErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
+        started = self._clock()
+        found = self._measure(shot.images, calibration, self._settings)
+        duration = self._clock() - started
+        measurement, failure = self._judged(found)
+        return WheelResult(
+            wheel=self.name,
+            calibration_id=calibration.id,
+            calibration_valid=True,
+            measurement=measurement,
+            failure=failure,
+            measured_utc=shot.time_utc,
+            device_time_s=shot.frames[0].device_time_s,
+            duration_s=duration,
+        )
+
+    def _judged(self, found: WheelMeasurement | Refusal) -> tuple[WheelMeasurement | None, Failure | None]:
+        if isinstance(found, Refusal):
+            return None, Failure(
+                WheelOutcome.REFUSED,
+                LineErrorCode.MEASUREMENT_REFUSED,
+                str(found.code),
+                f"{self.name}: {found.reason}",
+            )
+        uncertainties = found.camber_u, found.toe_u
+        finite = all(map(math.isfinite, (found.camber, found.toe, *uncertainties)))
+        if not finite or min(uncertainties) <= 0:
+            return None, fault(
+                LineErrorCode.INTERNAL_FAULT,
+                f"{self.name}: expected finite angles with uncertainties above 0 from the measurement, "
+                f"found camber {found.camber}, toe {found.toe}, uncertainties {uncertainties}; "
+                "report this as a defect",
+            )
+        expanded = found.coverage_factor * max(uncertainties)
+        if expanded > LARGEST_UNCERTAINTY:
+            return None, Failure(
+                WheelOutcome.REFUSED,
+                LineErrorCode.MEASUREMENT_REFUSED,
+                "too_uncertain",
+                f"{self.name}: expected an expanded uncertainty of at most "
+                f"{math.degrees(LARGEST_UNCERTAINTY):g}°, found {math.degrees(expanded):.2f}°; clean the "
+                "tyre and the windows of the heads, and check the calibration",
+            )
+        return found, None
+
+
+def connect_all(rigs: Sequence[ShootingRig]) -> list[TruewheelError]:
+    """Connect all rigs and return what failed, so that all failures can be reported together."""
+    failures: list[TruewheelError] = []
+    for rig in rigs:
+        try:
+            rig.connect()
+        except TruewheelError as error:
+            failures.append(error)
+    return failures
