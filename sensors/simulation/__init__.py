@@ -1,0 +1,5 @@
+"""A renderer of wheels under a light grid: tyre, projectors, optics, scene and truth.
+
+Made to test a measuring chain: surfaces and their normals are exact, images have no systematic sub-pixel
+shift, and everything random comes from the generator that the caller hands in.
+"""
