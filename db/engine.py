@@ -70,7 +70,8 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
     begins, so that a busy database is found before anything is read.
     """
     if url.get_backend_name() == "sqlite":
-        engine = create_engine(url, creator=_sqlite_creator(Path(url.database or ""), timeout_s, create))
+        creator = _sqlite_creator(Path(url.database or ""), timeout_s, create)
+        engine = create_engine(url, creator=creator, pool_timeout=timeout_s)
         event.listen(engine, "begin", _begin_sqlite)
         return engine
     milliseconds = math.ceil(timeout_s * 1000)

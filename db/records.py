@@ -76,6 +76,9 @@ def _check_values(record: Any) -> None:
             # SQLite turns NaN into NULL without a word.
             if not math.isfinite(value):
                 raise InputError(field=name, expected="a finite number", seen=str(value))
+        elif isinstance(value, int):
+            if not -(2**63) <= value < 2**63:
+                raise InputError(field=name, expected="a whole number of 64 bits", seen=str(value))
         elif isinstance(value, datetime):
             if value.utcoffset() is None:
                 raise InputError(field=name, expected="a time with its time zone", seen=str(value))

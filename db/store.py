@@ -232,6 +232,8 @@ class ResultStore:
 
 
 _Record = TypeVar("_Record", bound="DataclassInstance")
+# Both databases bound the number of parameters of one statement.
+_PORTION = 1000
 # Parts of a cycle that have tables of their own.
 _NESTED = ("vehicle", "wheels", "axles", "vehicle_angles")
 _CYCLES = select(cycles, vehicles.c.vin, vehicles.c.vehicle_type).outerjoin(
@@ -302,9 +304,8 @@ def _results(
     connection: Connection, table: Table, kind: type[_Record], cycle_ids: list[int]
 ) -> dict[int, list[_Record]]:
     found: dict[int, list[_Record]] = defaultdict(list)
-    # In portions: both databases bound the number of parameters.
-    for start in range(0, len(cycle_ids), 1000):
-        query = select(table).where(table.c.cycle_id.in_(cycle_ids[start : start + 1000]))
+    for start in range(0, len(cycle_ids), _PORTION):
+        query = select(table).where(table.c.cycle_id.in_(cycle_ids[start : start + _PORTION]))
         for row in connection.execute(query).mappings():
             found[row["cycle_id"]].append(_record(kind, row))
     return found

@@ -22,9 +22,10 @@ from tests.db.example_records import NOON, WHEELS, axle, cycle, refused_wheel, w
         ({"method": "a\0b"}, "WheelRecord.method': expected text without NUL"),
         ({"method": "\ud800"}, "lone surrogates"),
         ({"measured_utc": datetime(2026, 1, 1)}, "expected a time with its time zone"),
+        ({"points_used": 2**63}, "expected a whole number of 64 bits"),
         ({"points_used": np.int64(3)}, "expected a plain Python value, found int64"),
     ],
-    ids=["nan", "infinity", "nul", "surrogate", "naive_time", "numpy_integer"],
+    ids=["nan", "infinity", "nul", "surrogate", "naive_time", "too_long", "numpy_integer"],
 )
 def test_a_value_that_databases_would_change_is_refused(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from uuid import UUID
 
@@ -23,7 +24,7 @@ from alignment.errors import ConfigurationError, StoreError, StoreUnavailableErr
 from db.engine import describe, parse_url
 from db.migrate import migrate
 from db.store import ResultStore
-from tests.db.example_records import CALIBRATION, cycle
+from tests.db.example_records import CALIBRATION, cycle, wheel
 
 
 def sqlite_path(url: str) -> Path:
@@ -53,6 +54,35 @@ def test_killed_in_the_middle_of_commits_nothing_acknowledged_is_lost(
         with sqlite3.connect(sqlite_path(database_url)) as connection:
             assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
         connection.close()
+
+
+def test_a_record_that_contradicts_itself_is_refused_whole(
+    store: ResultStore,
+) -> None:
+    wheels = (wheel("front_left"), wheel("front_right", toe=0.1))
+    with pytest.raises(StoreError, match=r"contradicts itself.*ck_wheel_results_ok_is_within_limits"):
+        store.write_cycle(cycle(wheels=wheels))
+    assert store.counts()["cycles"] == store.counts()["vehicles"] == 0
+
+
+def test_a_number_that_a_column_cannot_hold_is_refused(
+    postgres_url: str, open_store: Callable[..., ResultStore]
+) -> None:
+    store = open_store(postgres_url)
+    store.record_calibration(CALIBRATION)
+    with pytest.raises(StoreError, match=r"failed\. See the database's own message.*out of range"):
+        store.write_cycle(cycle(wheels=(wheel(points_used=2**40),)))
+
+
+def test_readers_that_take_every_connection_do_not_hang_the_writer(
+    sqlite_url: str, open_store: Callable[..., ResultStore]
+) -> None:
+    store = open_store(sqlite_url, timeout_s=0.05)
+    with ExitStack() as readers:
+        for _ in range(15):
+            readers.enter_context(store._transaction())
+        with pytest.raises(StoreUnavailableError, match=r"cannot be used.*timed out"):
+            store.write_cycle(cycle())
 
 
 def test_a_locked_database_says_so_in_time_and_the_repeated_write_succeeds(
