@@ -85,7 +85,7 @@ def measure_wheel(
         A refusal says what was wrong and what to do; it is false.
     """
     wrong = _check_images(images, calibration)
-    if wrong:
+    if wrong is not None:
         return wrong
     matched: list[Candidates] = []
     for pair, head in zip(images, calibration.heads, strict=True):

@@ -133,28 +133,3 @@ def cross_lines(steep: Array, steep_starts: Index, flat: Array, flat_starts: Ind
     """
     points, lines, directions, found = _cross(steep, steep_starts, flat, flat_starts, width)
     return Crosses(points[:found].copy(), lines[:found].copy(), directions[:found].copy())
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _mark_near(table: Array, points: Array, slopes: Array, radius: float, near: NDArray[np.bool_]) -> None:
-    # The other line passes the cross with slope s = dy/dx: its distance from (x, y) in y is what disturbs.
-    for k in range(points.shape[0]):
-        cx, cy, s = points[k, 0], points[k, 1], slopes[k]
-        limit = radius * np.sqrt(1.0 + s * s)
-        for i in range(table.shape[0]):
-            dx = table[i, 0] - cx
-            dy = table[i, 1] - cy
-            if abs(dx) < 2.0 * limit and abs(dy) < 2.0 * limit and abs(dy - s * dx) < limit:
-                near[i] = True
-
-
-def near_crosses(table: Array, crosses: Crosses, swap: bool, radius: float) -> NDArray[np.bool_]:
-    """Tell which chain points lie within `radius` pixels of a line that crosses theirs, near a cross.
-
-    `swap` says that the table is of the transposed image.
-    """
-    near = np.zeros(len(table), dtype=np.bool_)
-    points = np.ascontiguousarray(crosses.points[:, ::-1] if swap else crosses.points)
-    slopes = np.ascontiguousarray(crosses.directions[:, 0 if swap else 1])
-    _mark_near(table, points, slopes, radius, near)
-    return near

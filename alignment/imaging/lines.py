@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.imaging import ridges
-from alignment.imaging.crosses import Crosses, cross_lines, near_crosses
+from alignment.imaging import chains, ridges
+from alignment.imaging.crosses import Crosses, cross_lines
 from alignment.values import Image
 
 Array = NDArray[np.float64]
@@ -20,10 +20,12 @@ Index = NDArray[np.int64]
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 16
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
-_SLOPE_SPAN = 5  # points on either side of the difference that gives a slope
+_DISTURBED = 3.0  # line widths within which another line disturbs a centre
 _SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _MEDIAN_OF_SQUARE = 0.4549  # median of the square of a unit normal variate
 _QUANTISATION = math.sqrt(1.0 / 12.0)
+_UNKNOWN_SIGMA = 0.1  # pixels, where there are too few points to tell
+_LEAST_SIGMA = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +124,12 @@ def extract_light_lines(image: Image) -> LightLines | None:
     width = line_width(image, transposed, contrast)
     if width is None:
         return None
-    steep = _trace(image, width, contrast)
-    flat = _trace(transposed, width, contrast)
+    steep, flat = (_trace(view, width, contrast) for view in (image, transposed))
     crosses = cross_lines(steep.table, steep.starts, flat.table, flat.starts, width)
-    parts = []
-    for trace, swap in ((steep, False), (flat, True)):
-        keep = trace.usable & ~near_crosses(trace.table, crosses, swap, 2.5 * width)
-        parts.append(trace.select(keep, swap))
+    parts = [
+        _clean(steep, flat, width, image.shape),
+        _transposed(_clean(flat, steep, width, transposed.shape)),
+    ]
     counts = np.concatenate([np.diff(p.starts) for p in parts])
     return LightLines(
         points=np.concatenate([p.points for p in parts]),
@@ -142,7 +143,18 @@ def extract_light_lines(image: Image) -> LightLines | None:
 
 
 @dataclass(frozen=True, eq=False)
+class _Trace:
+    """Chains of one scan direction: ridge table in chain order, first row of each chain, slopes."""
+
+    table: Array
+    starts: Index
+    slope: Array
+
+
+@dataclass(frozen=True, eq=False)
 class _Part:
+    """The finished lines of one direction."""
+
     points: Array
     tangents: Array
     sigma: Array
@@ -150,103 +162,67 @@ class _Part:
     starts: Index
 
 
-@dataclass(frozen=True, eq=False)
-class _Trace:
-    """Chains of one scan direction: (N, 5) ridge table in chain order, slopes, deviations along the row."""
-
-    table: Array
-    starts: Index
-    slope: Array
-    sigma: Array
-    usable: NDArray[np.bool_]
-
-    def select(self, keep: NDArray[np.bool_], swap: bool) -> _Part:
-        """Keep some points; all chains stay, so that their numbers do not change."""
-        before = np.concatenate([[0], np.cumsum(keep)])
-        along = np.hypot(1.0, self.slope[keep])
-        tangents = np.column_stack([self.slope[keep], np.ones(len(along))]) / along[:, None]
-        points = self.table[keep][:, [ridges.X, ridges.Y]]
-        if swap:
-            points, tangents = points[:, ::-1], tangents[:, ::-1]
-        return _Part(
-            np.ascontiguousarray(points),
-            np.ascontiguousarray(tangents),
-            self.sigma[keep] / along,
-            self.table[keep, ridges.STRENGTH],
-            before[self.starts].astype(np.int64),
-        )
-
-
 def _trace(image: Image, width: float, contrast: float) -> _Trace:
     weights = ridges.derivative_weights(min(max(0.9 * width, 1.0), 6.0))
-    box = max(2, round(1.6 * width))
-    table, row_starts = ridges.scan_rows(image, box, weights, contrast, 1)
+    table, row_starts = ridges.scan_rows(image, max(2, round(1.6 * width)), weights, contrast, 1)
     shortest = max(12, round(4 * width))
     order, starts = ridges.link_rows(table, row_starts, 1, 1.0, max(6, round(3 * width)), shortest)
-    chains = table[order]
-    same = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    slope = _difference(chains[:, ridges.X], chains[:, ridges.Y], same)
-    # The strength's own noise would enter the correction: smooth it along the line first.
-    light = np.log(np.maximum(_smooth(chains[:, ridges.STRENGTH], same), 1e-6))
-    gain = _difference(light, chains[:, ridges.Y], same)
-    shift = np.clip(width**2 * gain * slope, -0.5 * width, 0.5 * width)
-    chains[:, ridges.X] -= shift
-    sigma = _deviation(chains, same)
-    return _Trace(chains, starts, slope, sigma, np.abs(slope) <= _STEEPEST)
+    linked = table[order]
+    return _Trace(linked, starts, chains.chain_slopes(linked, starts))
 
 
-def _difference(values: Array, y: Array, same: Index) -> Array:
-    """Derivative along each chain by a wide central difference, one-sided at the ends."""
-    n = len(values)
-    if n == 0:
-        return np.zeros(0)
-    span = _SLOPE_SPAN
-    i = np.arange(n)
-    lo, hi = np.maximum(i - span, 0), np.minimum(i + span, n - 1)
-    for step in range(span):
-        lo = np.where(same[lo] != same, np.minimum(i, i - span + step + 1), lo)
-        hi = np.where(same[hi] != same, np.maximum(i, i + span - step - 1), hi)
-    run = y[hi] - y[lo]
-    slope: Array = (values[hi] - values[lo]) / np.where(run > 0, run, 1.0)
-    return slope
+def _clean(trace: _Trace, other: _Trace, width: float, size: tuple[int, ...]) -> _Part:
+    """Keep what no other line disturbs; all chains stay, if empty, so that their numbers do not change."""
+    radius = _DISTURBED * width
+    others = chains.shadow(
+        other.table, other.starts, other.slope, _STEEPEST, radius, np.array([size[1], size[0]])
+    )
+    keep = chains.undisturbed(trace.table, trace.slope, _STEEPEST, others, 2.0 * radius)
+    table = trace.table[keep]
+    starts = np.concatenate([[0], np.cumsum(keep)])[trace.starts].astype(np.int64)
+    slope = chains.chain_slopes(table, starts)
+    chains.take_off_light_shift(table, starts, slope, width)
+    along = np.hypot(1.0, slope)
+    return _Part(
+        points=np.ascontiguousarray(table[:, [ridges.X, ridges.Y]]),
+        tangents=np.column_stack([slope, np.ones(len(slope))]) / along[:, None],
+        sigma=_deviation(table, starts) / along,
+        strength=table[:, ridges.STRENGTH],
+        starts=starts,
+    )
 
 
-def _smooth(values: Array, same: Index) -> Array:
-    """Mean of seven neighbours along the chain."""
-    total, count = values.copy(), np.ones(len(values))
-    for k in (1, 2, 3):
-        if len(values) <= k:
-            break
-        joined = same[k:] == same[:-k]
-        total[k:] += np.where(joined, values[:-k], 0.0)
-        total[:-k] += np.where(joined, values[k:], 0.0)
-        count[k:] += joined
-        count[:-k] += joined
-    mean: Array = total / count
-    return mean
+def _transposed(part: _Part) -> _Part:
+    return replace(
+        part,
+        points=np.ascontiguousarray(part.points[:, ::-1]),
+        tangents=np.ascontiguousarray(part.tangents[:, ::-1]),
+    )
 
 
-def _deviation(chains: Array, same: Index) -> Array:
+def _deviation(table: Array, starts: Index) -> Array:
     """Standard deviation of each centre along its row.
 
     Second differences along the lines show the noise itself. The variance of a centre is
     (a + b·level)/strength², with read noise in a and shot noise in b: both come from the medians of a few
     classes of brightness.
     """
-    x, strength, level = chains[:, ridges.X], chains[:, ridges.STRENGTH], chains[:, ridges.LEVEL]
-    if len(x) < 3:
-        return np.full(len(x), 0.1)
-    joined = (same[2:] == same[:-2]) & (chains[2:, ridges.Y] - chains[:-2, ridges.Y] == 2.0)
+    x, strength, level = table[:, ridges.X], table[:, ridges.STRENGTH], table[:, ridges.LEVEL]
+    if len(x) < 64:
+        return np.full(len(x), _UNKNOWN_SIGMA)
+    same = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    joined = (same[2:] == same[:-2]) & (table[2:, ridges.Y] - table[:-2, ridges.Y] == 2.0)
     residual = (x[2:] - 2.0 * x[1:-1] + x[:-2])[joined] / _SECOND_DIFFERENCE
     scaled = (residual * strength[1:-1][joined]) ** 2
     grey = level[1:-1][joined]
     if len(scaled) < 64:
-        return np.full(len(x), 0.1)
+        return np.full(len(x), _UNKNOWN_SIGMA)
     ranks = np.array_split(np.argsort(grey), min(8, len(scaled) // 32))
     medians = np.array([np.median(scaled[r]) for r in ranks]) / _MEDIAN_OF_SQUARE
     greys = np.array([np.median(grey[r]) for r in ranks])
-    b, a = np.polyfit(greys, medians, 1) if len(ranks) > 1 else (0.0, float(medians[0]))
-    if b < 0.0 or a < 0.0:  # noise that does not grow with the light, or hardly any read noise
-        a, b = (float(medians.mean()), 0.0) if b < 0.0 else (0.0, float((medians / greys).mean()))
-    sigma: Array = np.sqrt(np.maximum(a + b * level, 1e-12)) / np.maximum(strength, 1e-9)
-    return np.maximum(sigma, 0.005)
+    spread = greys - greys.mean()
+    b = float(spread @ medians / max(float(spread @ spread), 1e-9))
+    b = min(max(b, 0.0), float((medians / greys).mean()))  # neither noise source is negative
+    a = float(medians.mean() - b * greys.mean())
+    sigma: Array = np.sqrt(np.maximum(a + b * level, 0.0)) / np.maximum(strength, 1e-9)
+    return np.maximum(sigma, _LEAST_SIGMA)

@@ -294,7 +294,12 @@ def fit_revolution(
     gradients = _cluster_gradients(values, weight, jacobian, first, cluster, clusters, len(matrix))
     half = gradients @ inverse[:, :2]
     used = len(np.unique(cluster[weight > 0]))
-    covariance = half.T @ half * used / max(used - 1, 1)
+    # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
+    u2 = np.where(tukey > 0.0, 1.0 - np.sqrt(tukey), 1.0)
+    information = float((np.sqrt(tukey) * (1.0 - 5.0 * u2)).sum() / tukey.sum())
+    # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
+    freedom = used / max(used - len(matrix), 0.2 * used)
+    covariance = half.T @ half * freedom / max(information, 0.3) ** 2
     residuals = np.where(first >= 0, values, np.nan)
     return RevolutionFit(
         normal=state.frame[2],

@@ -1,0 +1,137 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from alignment.errors import DegenerateInputError
+from alignment.wheel.plane import fit_plane
+from alignment.wheel.revolution import RevolutionFit, fit_revolution
+from tests.assertions import ARCMIN
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def profile(radius: np.ndarray) -> np.ndarray:
+    """A bulged sidewall with two rings; the fit knows nothing of it."""
+    bulge = -0.002 * (radius - 262.0) ** 2
+    rings = sum(0.5 * np.exp(-0.5 * ((radius - r) / 1.5) ** 2) for r in (232.0, 291.0))
+    return np.asarray(bulge + rings)
+
+
+def wheel_points(
+    tilt: tuple[float, float],
+    shift: tuple[float, float],
+    rng: np.random.Generator,
+    *,
+    count: int = 6000,
+    noise: float = 0.04,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radial stretches of 20 points on three 35° sectors of a wheel, their clusters, and the true normal."""
+    stretches = count // 20
+    angle = rng.choice([90.0, 210.0, 330.0], stretches) + rng.uniform(-17.0, 17.0, stretches)
+    angle = np.radians(np.repeat(angle, 20))
+    radius = np.repeat(rng.uniform(205.0, 315.0, stretches), 20) + np.tile(np.linspace(0, 3, 20), stretches)
+    height = profile(radius)
+    local = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    normal = np.array([tilt[0], tilt[1], 1.0])
+    normal /= np.linalg.norm(normal)
+    e1 = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+    e1 /= np.linalg.norm(e1)
+    frame = np.array([e1, np.cross(normal, e1), normal])
+    points = local @ frame + np.array([shift[0], shift[1], 3.0])
+    points[:, 2] += noise * rng.standard_normal(len(points))
+    return points, np.arange(len(points)) // 20, normal
+
+
+def fit(points: np.ndarray, cluster: np.ndarray, sigma: float = 0.04) -> RevolutionFit:
+    return fit_revolution(
+        points,
+        np.full(len(points), sigma),
+        np.tile(DOWN, (len(points), 1)),
+        cluster,
+        np.array([0.0, 0.0, 1.0]),
+        np.zeros(3),
+    )
+
+
+def tilt_error(found: np.ndarray, true: np.ndarray) -> float:
+    return math.acos(min(1.0, float(found @ true))) / ARCMIN
+
+
+@given(
+    st.tuples(st.floats(-0.09, 0.09), st.floats(-0.09, 0.09)),
+    st.tuples(st.floats(-8, 8), st.floats(-8, 8)),
+    st.integers(0, 2**31),
+)
+@settings(max_examples=25)
+def test_any_tilt_and_position_is_recovered(
+    tilt: tuple[float, float], shift: tuple[float, float], seed: int
+) -> None:
+    points, cluster, normal = wheel_points(tilt, shift, np.random.default_rng(seed))
+    result = fit(points, cluster)
+    assert tilt_error(result.normal, normal) < 0.05
+    # The axis passes through the shifted centre.
+    along = (np.array([*shift, 3.0]) - result.centre) @ result.tilt_axes.T
+    assert np.abs(along).max() < 0.2
+
+
+def test_without_noise_only_the_spline_is_left() -> None:
+    points, cluster, normal = wheel_points((0.03, -0.05), (5.0, -6.0), np.random.default_rng(1), noise=0.0)
+    assert tilt_error(fit(points, cluster).normal, normal) < 0.003
+
+
+def test_raised_letters_and_a_valve_lose_their_weight() -> None:
+    rng = np.random.default_rng(2)
+    points, cluster, normal = wheel_points((0.02, 0.04), (3.0, 2.0), rng)
+    clean = tilt_error(fit(points, cluster).normal, normal)
+    letters = (cluster % 7 == 0) & (points[:, 1] > 0)  # one head sees most of the lettering
+    points[letters, 2] += 0.6
+    result = fit(points, cluster)
+    assert result.weights[letters].mean() < 0.02
+    assert tilt_error(result.normal, normal) < clean + 0.02
+
+
+def test_predicted_covariance_is_the_scatter() -> None:
+    errors, stated = [], []
+    for seed in range(60):
+        points, cluster, normal = wheel_points((0.0, 0.0), (0.0, 0.0), np.random.default_rng(seed))
+        result = fit(points, cluster)
+        errors.append(result.normal[:2] - normal[:2])
+        stated.append(np.sqrt(np.diag(result.covariance)))
+    ratio = np.std(errors, axis=0) / np.mean(stated, axis=0)
+    # 60 repeats know a standard deviation to 9 %.
+    assert (np.abs(ratio - 1.0) < 0.25).all(), ratio
+
+
+def test_a_plane_is_biased_where_the_heads_see_different_parts_of_the_sidewall() -> None:
+    points, cluster, normal = wheel_points((0.0, 0.0), (8.0, 0.0), np.random.default_rng(4))
+    top = points[:, 1] > 150.0
+    keep = ~top | (np.hypot(points[:, 0] - 8.0, points[:, 1]) > 270.0)
+    revolution = fit(points[keep], cluster[keep])
+    plane = fit_plane(points[keep], cluster[keep], np.array([0.0, 0.0, 1.0]))
+    assert tilt_error(revolution.normal, normal) < 0.1
+    assert tilt_error(plane.normal, normal) > 1.0
+
+
+def test_a_plane_of_points_gives_its_normal() -> None:
+    rng = np.random.default_rng(5)
+    xy = rng.uniform(-300, 300, (2000, 2))
+    points = np.column_stack([xy, 0.05 * xy[:, 0] + 0.01 * rng.standard_normal(2000)])
+    points[:200, 2] += 5.0
+    result = fit_plane(points, np.arange(2000) // 10, np.array([0.0, 0.0, 1.0]))
+    true = np.array([-0.05, 0.0, 1.0]) / math.hypot(0.05, 1.0)
+    assert tilt_error(result.normal, true) < 0.05
+
+
+def test_points_on_a_line_are_refused() -> None:
+    points = np.outer(np.linspace(0, 1, 100), [1.0, 2.0, 3.0])
+    with pytest.raises(DegenerateInputError, match="line"):
+        fit_plane(points, np.arange(100), np.array([0.0, 0.0, 1.0]))
+
+
+def test_too_few_points_are_refused() -> None:
+    points, cluster, _ = wheel_points((0.0, 0.0), (0.0, 0.0), np.random.default_rng(0), count=30)
+    with pytest.raises(DegenerateInputError, match="at least 50"):
+        fit(points, cluster)
