@@ -221,7 +221,7 @@ def open_bus(settings: BusSettings, now: Callable[[], float] = time.time) -> Lin
             ignore_config=True,
             **dict(settings.options),
         )
-    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         if writer is not None:
             writer.stop()
         known = settings.interface in can.VALID_INTERFACES

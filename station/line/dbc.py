@@ -16,6 +16,7 @@ import can
 from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
+from textparser import ParseError
 
 from alignment.errors import ConfigurationError, InputError
 from station.line.messages import LineErrorCode, Outcome, StationState
@@ -264,7 +265,7 @@ def load_line_database(path: str | PathLike[str]) -> LineDatabase:
         database.add_dbc_string(file.read_text(encoding="cp1252"))
     except OSError as error:
         raise ConfigurationError(file=file, expected="a readable DBC", seen=str(error.strerror)) from error
-    except (CantoolsError, ValueError, KeyError) as error:
+    except (CantoolsError, ParseError, ValueError, KeyError) as error:
         raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error) or repr(error)) from error
     return LineDatabase(database, file)
 

@@ -92,7 +92,7 @@ class StationLine:
         self.ignored_frames = 0
         period_s = database.cycle_time_s("Status") or STATUS_PERIOD_S
         self._cyclic = SupervisedThread("line status", lambda stopping: self._cyclic_step(stopping, period_s))
-        bus.listen(self._receive)
+        bus.listen(self.receive)
 
     def start(self) -> Self:
         """Begin the cyclic Status; the first one goes out at once."""
@@ -102,7 +102,7 @@ class StationLine:
 
     def close(self) -> None:
         """End the cyclic Status and stop listening; harmless when closed."""
-        self._bus.unlisten(self._receive)
+        self._bus.unlisten(self.receive)
         self._cyclic.stop()
 
     def __enter__(self) -> Self:
@@ -239,6 +239,22 @@ class StationLine:
             self._last_sequence = None
             self._refuse(sequence, code)
 
+    def receive(self, frame: can.Message) -> None:
+        """Take one frame; the bus's receiving thread calls this. Nothing a frame holds makes it raise."""
+        name = self._database.name_of(frame)
+        if name != "Command" and name not in self._database.vin_messages:
+            return
+        try:
+            values = self._database.decode(frame)
+        except InputError:
+            self.ignored_frames += 1
+            return
+        with self._lock:
+            if name == "Command":
+                self._receive_command(values)
+            else:
+                self._vin.add(name, values, self._clock())
+
     def _cyclic_step(self, stopping: threading.Event, period_s: float) -> None:
         if not stopping.wait(period_s):
             self.tick()
@@ -267,21 +283,6 @@ class StationLine:
         with contextlib.suppress(LineConnectionError):
             self._bus.send(frame)
             self._alive_counter = (self._alive_counter + 1) % 256
-
-    def _receive(self, frame: can.Message) -> None:
-        name = self._database.name_of(frame)
-        if name != "Command" and name not in self._database.vin_messages:
-            return
-        try:
-            values = self._database.decode(frame)
-        except InputError:
-            self.ignored_frames += 1
-            return
-        with self._lock:
-            if name == "Command":
-                self._receive_command(values)
-            else:
-                self._vin.add(name, values, self._clock())
 
     def _receive_command(self, values: dict[str, Value]) -> None:
         sequence = int(values["Sequence"])

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import io
 import queue
+import struct
 import time
+import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from typing import BinaryIO
 
 import can
+from can.io.blf import BLFParseError
 
 from alignment.errors import FormatError, InputError
 from station.line.bus import LOG_ENDINGS, LineBus
 from station.line.dbc import LineDatabase, Value
+
+# What python-can's readers raise on files that are not what they claim to be.
+_DAMAGED = (ValueError, IndexError, EOFError, struct.error, zlib.error, can.CanError, BLFParseError)
 
 
 @dataclass(frozen=True)
@@ -75,16 +83,27 @@ def decode_log(path: str | PathLike[str], database: LineDatabase) -> Iterator[De
         )
     count = 0
     try:
-        with can.LogReader(file) as reader:
-            for frame in reader:
+        # Opened here and not by the reader, which would leave a damaged file open.
+        with file.open("rb") as binary:
+            for frame in _reader(file, binary):
                 count += 1
                 yield decode_frame(frame, database)
     except OSError as error:
         raise FormatError(file=file, expected="a readable log", seen=str(error.strerror or error)) from error
-    except (ValueError, IndexError, can.CanError) as error:
+    except _DAMAGED as error:
         raise FormatError(
             file=file, expected="a valid log of CAN frames", seen=f"{error} after {count} frames"
         ) from error
+
+
+def _reader(file: Path, binary: BinaryIO) -> Iterable[can.Message]:
+    match file.suffix.lower():
+        case ".blf":
+            return can.BLFReader(binary)
+        case ".asc":
+            return can.ASCReader(io.TextIOWrapper(binary, encoding="utf-8"))
+        case _:
+            return can.CanutilsLogReader(io.TextIOWrapper(binary, encoding="utf-8"))
 
 
 def watch(

@@ -1,0 +1,108 @@
+"""What the line's tests share: a clock that the test moves, a bus without a bus, a station on it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import can
+
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase, Value
+from station.line.interface import StationLine
+from station.line.messages import Command, LineStatus, StationState, StationStatus
+from station.line.results import read_status
+
+DBC = Path(__file__).resolve().parents[3] / "configs" / "line.dbc"
+VIN = "WVWZZZ1KZAW123456"
+WAIT_S = 5.0
+
+
+def vin_frame(database: LineDatabase, name: str, sequence: int, vin: str = VIN) -> can.Message:
+    characters: dict[str, Value] = {s: ord(vin[int(s[3:]) - 1]) for s in database.vin_messages[name]}
+    return database.encode(name, {"SequenceLow": sequence % 16, **characters})
+
+
+def command_frame(database: LineDatabase, code: str, sequence: int, wheels: int = 0b1111) -> can.Message:
+    bits = {f"Wheel{ending}": wheels >> k & 1 for k, ending in enumerate(database.wheels.values())}
+    return database.encode("Command", {"Code": code, "Sequence": sequence, "VehicleType": 7, **bits})
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class FakeCanBus(can.BusABC):
+    """A bus without a bus: keeps what is sent, and lets the test fail it."""
+
+    channel_info = "fake bus"
+
+    def __init__(self) -> None:
+        super().__init__(channel=None)
+        self.sent: list[can.Message] = []
+        self.send_error: Exception | None = None
+        self.receive: Callable[[], can.Message | None] = lambda: None
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        assert timeout is not None
+        if self.send_error is not None:
+            raise self.send_error
+        self.sent.append(msg)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        assert timeout is not None
+        frame = self.receive()
+        if frame is None:
+            threading.Event().wait(0.001)
+        return frame
+
+
+@dataclass
+class Bench:
+    """A `StationLine` to which the test hands frames, in its own thread, and whose answers it reads."""
+
+    database: LineDatabase
+    fake: FakeCanBus
+    bus: LineBus
+    clock: Clock
+    line: StationLine
+    seen: int = field(default=0)
+
+    def receive(self, frame: can.Message) -> None:
+        self.line.receive(frame)
+
+    def vin(
+        self, sequence: int, vin: str = VIN, messages: tuple[str, ...] = ("Vin1", "Vin2", "Vin3")
+    ) -> None:
+        for name in messages:
+            self.receive(vin_frame(self.database, name, sequence, vin))
+
+    def command(self, code: str, sequence: int, wheels: int = 0b1111) -> None:
+        self.receive(command_frame(self.database, code, sequence, wheels))
+
+    def start(self, sequence: int, wheels: int = 0b1111) -> None:
+        self.vin(sequence)
+        self.command("start", sequence, wheels)
+
+    def commands(self) -> list[Command]:
+        return list(iter(lambda: self.line.next_command(0.0), None))
+
+    def messages(self) -> list[tuple[str, dict[str, Value]]]:
+        """What was sent since the last call."""
+        new, self.seen = self.fake.sent[self.seen :], len(self.fake.sent)
+        return [(self.database.name_of(frame) or "?", self.database.decode(frame)) for frame in new]
+
+    @property
+    def status(self) -> LineStatus:
+        """The last Status that was sent."""
+        frames = [f for f in self.fake.sent if self.database.name_of(f) == "Status"]
+        return read_status(self.database.decode(frames[-1]))
+
+    def idle(self) -> None:
+        self.line.publish(StationStatus(StationState.IDLE))

@@ -1,0 +1,145 @@
+"""The DBC as delivered, and DBCs that lack something."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cantools
+import pytest
+
+from alignment.errors import ConfigurationError
+from station.line.dbc import LineDatabase, load_line_database
+from station.line.messages import LineErrorCode
+from tests.station.line.line_bench import DBC
+
+TEXT = DBC.read_text(encoding="cp1252")
+
+
+def changed(tmp_path: Path, pattern: str, replacement: str) -> Path:
+    text, count = re.subn(pattern, replacement, TEXT, flags=re.MULTILINE)
+    assert count > 0
+    file = tmp_path / "changed.dbc"
+    file.write_text(text, encoding="cp1252")
+    return file
+
+
+def without(tmp_path: Path, name: str) -> Path:
+    """The DBC without one message and everything that is said of it."""
+    message = re.search(rf"^BO_ (\d+) {name}:", TEXT, re.MULTILINE)
+    assert message is not None
+    number = message[1]
+    pattern = rf"^BO_ {number} (?:.*\n(?: SG_.*\n)*)|^(?:CM_|BA_|VAL_)[^\n]* {number} [^\n]*\n"
+    return changed(tmp_path, pattern, "")
+
+
+MESSAGES = re.findall(r"^BO_ \d+ (\w+):", TEXT, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", [name for name in MESSAGES if not name.startswith("AxleResult")])
+def test_missing_message_is_named_with_the_file(tmp_path: Path, name: str) -> None:
+    file = without(tmp_path, name)
+    with pytest.raises(ConfigurationError) as caught:
+        load_line_database(file)
+    assert str(file) in str(caught.value)
+    assert name in str(caught.value)
+
+
+def test_station_without_any_axle_message(tmp_path: Path) -> None:
+    file = changed(tmp_path, "AxleResult", "AxleAnswer")
+    with pytest.raises(ConfigurationError, match="AxleResult"):
+        load_line_database(file)
+
+
+def test_no_wheel_at_all(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="WheelResult"):
+        load_line_database(changed(tmp_path, r"\bWheel(Front|Rear)(Left|Right)\b", r"Bit\1\2"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "field"),
+    [
+        (r"^ SG_ VehicleType .*\n|^.*\bVehicleType\b.*\n", "", "Command.VehicleType"),
+        (
+            r"(SG_ VehicleType : 32)\|16(@1\+ \(1,0\)) \[0\|65535\]",
+            r"\1|8\2 [0|255]",
+            "Command.VehicleType",
+        ),
+        (r"SG_ Camber : 24\|20@1- \(0.0001,0\)", "SG_ Camber : 24|20@1- (0.001,0)", "Camber"),
+        (r"(SG_ Camber : 24\|20@1- \(0.0001,0\)) \[-15\|15\]", r"\1 [-5|5]", "Camber"),
+        (r"(SG_ Camber : 24\|20@1- \(0.0001,0\)) \[-15\|15\]", r"\1 [0|0]", "reserved value 'invalid'"),
+        (r'4 "aborted" ', "", "the words aborted"),
+        (r'-524288 "invalid"', '-524288 "void"', "the words invalid"),
+        (r"^VAL_ \d+ State .*\n", "", "Status.State"),
+        (r"BO_ 288 Status: 8", "BO_ 288 Status: 12", "12 bytes"),
+        (r"\b304\b", "2147483952", "identifier 0x130"),
+    ],
+)
+def test_signal_missing_or_too_small(tmp_path: Path, pattern: str, replacement: str, field: str) -> None:
+    file = changed(tmp_path, pattern, replacement)
+    with pytest.raises(ConfigurationError) as caught:
+        load_line_database(file)
+    assert field in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_syntax_error_names_its_line(tmp_path: Path) -> None:
+    number = next(k for k, line in enumerate(TEXT.splitlines(), 1) if line.startswith(" SG_ Toe "))
+    file = changed(tmp_path, r"^ SG_ Toe : 44\|", " SG_ Toe : forty|")
+    with pytest.raises(ConfigurationError, match=f"line {number}"):
+        load_line_database(file)
+
+
+def test_overlapping_signals_and_leftover_words(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="overlapping"):
+        load_line_database(changed(tmp_path, r"SG_ Toe : 44\|", "SG_ Toe : 40|"))
+    with pytest.raises(ConfigurationError, match="valid DBC"):
+        load_line_database(changed(tmp_path, r"^VAL_ 288 State", "VAL_ 1999 State"))
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"absent\.dbc"):
+        load_line_database(tmp_path / "absent.dbc")
+
+
+def test_a_further_axle_is_only_a_matter_of_the_dbc(tmp_path: Path) -> None:
+    text = TEXT.replace(
+        " SG_ VehicleType :",
+        ' SG_ WheelTrailingLeft : 28|1@1+ (1,0) [0|1] "" STATION\n SG_ VehicleType :',
+    )
+    for stem, number in (("WheelUncertainty", 1000), ("WheelResult", 1001)):
+        source = re.search(rf"^BO_ (\d+) {stem}FrontLeft(: 8 STATION\n(?: SG_.*\n)+)", TEXT, re.MULTILINE)
+        assert source is not None
+        words = re.findall(rf"^VAL_ {source[1]} (.*\n)", TEXT, re.MULTILINE)
+        text = text.replace("\nCM_ ", f"\nBO_ {number} {stem}TrailingLeft{source[2]}\nCM_ ", 1)
+        text += "".join(f"VAL_ {number} {word}" for word in words)
+    file = tmp_path / "three_axles.dbc"
+    file.write_text(text, encoding="cp1252")
+    assert tuple(load_line_database(file).wheels)[-2:] == ("rear_right", "trailing_left")
+
+
+def test_delivered_dbc_explains_everything(database: LineDatabase) -> None:
+    raw = cantools.database.load_file(DBC)
+    assert isinstance(raw, cantools.database.Database)
+    assert [message.name for message in raw.messages] == MESSAGES
+    for message in raw.messages:
+        assert message.comment, message.name
+        assert message.send_type in ("Event", "CyclicAndEvent")
+        assert message.senders in (["PLC"], ["STATION"])
+        # The first twelve bits stay free for CRC and counter.
+        assert min(signal.start for signal in message.signals) >= 12
+        for signal in message.signals:
+            assert signal.comment, f"{message.name}.{signal.name}"
+            assert signal.receivers in (["PLC"], ["STATION"])
+            assert signal.minimum is not None
+            assert signal.maximum is not None
+    assert database.cycle_time_s("Status") == 0.1
+    assert database.cycle_time_s("Command") is None
+
+
+def test_words_of_the_error_codes_are_those_of_the_program() -> None:
+    raw = cantools.database.load_file(DBC)
+    assert isinstance(raw, cantools.database.Database)
+    table = raw.get_message_by_name("Status").get_signal_by_name("ErrorCode").choices
+    assert table is not None
+    assert {str(word) for word in table.values()} == set(LineErrorCode)

@@ -1,0 +1,143 @@
+"""Traffic decoded from logs and live, and the order of events in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+import pytest
+
+from alignment.errors import FormatError
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase, Value
+from station.line.monitor import DecodedFrame, decode_frame, decode_log, trace_cycles, watch
+from tests.station.line.line_bench import Clock, command_frame
+
+
+def message(identifier: int, data: bytes, **kind: bool) -> can.Message:
+    return can.Message(timestamp=1.5, arbitration_id=identifier, is_extended_id=False, data=data, **kind)
+
+
+def test_readable_line_of_a_good_frame(database: LineDatabase) -> None:
+    frame = command_frame(database, "start", 4, wheels=1)
+    frame.timestamp = 1.5
+    assert str(decode_frame(frame, database)) == (
+        "1.500000  110  Command  Code=start Sequence=4 WheelFrontLeft=1 WheelFrontRight=0 WheelRearLeft=0 "
+        "WheelRearRight=0 VehicleType=7"
+    )
+
+
+def test_errors_are_marked(database: LineDatabase) -> None:
+    short = decode_frame(message(0x110, b"\0\0"), database)
+    assert (short.name, short.values) == ("Command", {})
+    assert "8 bytes" in str(short.error)
+    assert "!! expected a classic data frame" in str(short)
+    foreign = decode_frame(message(0x7F0, bytes(8)), database)
+    assert "7F0  ?  !! expected an identifier of the line" in str(foreign)
+    assert decode_frame(message(0, b"", is_error_frame=True), database).error == "error frame"
+    remote = can.Message(arbitration_id=0x110, is_extended_id=False, is_remote_frame=True, dlc=8)
+    assert "remote" in str(decode_frame(remote, database).error)
+
+
+def test_numbers_are_short(database: LineDatabase) -> None:
+    assert str(DecodedFrame(0.0, 0x131, "X", {"Toe": 0.8200000000000001})).endswith("Toe=0.82")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("absent.log", None, "readable log"),
+        ("traffic.xlsx", b"", "log ending in"),
+        ("damaged.log", b"(1.0) can0 110#0000000000000000\n(x) can0 11", "after 1 frames"),
+        ("damaged.blf", b"LOGGnonsense", "valid log"),
+        ("damaged.blf", b"", "valid log"),
+        ("binary.log", b"\xff\xfe\x00\x81", "valid log"),
+    ],
+)
+def test_damaged_log(
+    tmp_path: Path, database: LineDatabase, name: str, content: bytes | None, expected: str
+) -> None:
+    file = tmp_path / name
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(FormatError, match=expected) as caught:
+        list(decode_log(file, database))
+    assert str(file) in str(caught.value)
+
+
+def test_live_traffic_for_a_bounded_time(
+    station_bus: LineBus, plc_bus: LineBus, database: LineDatabase
+) -> None:
+    times = iter([0.0, 1.0, 2.0, 6.0])
+
+    def clock_that_sends() -> float:
+        now = next(times)
+        plc_bus.send(command_frame(database, "reset", int(now)))
+        return now
+
+    frames = list(watch(station_bus, database, 5.0, clock_that_sends))
+    assert [(f.name, f.values["Sequence"]) for f in frames] == [("Command", 0), ("Command", 1)]
+
+
+def test_live_traffic_of_a_silent_bus(station_bus: LineBus, database: LineDatabase) -> None:
+    assert list(watch(station_bus, database, 0.01, Clock())) == []
+
+
+def status(time_s: float, sequence: int, busy: int = 0, done: int = 0) -> DecodedFrame:
+    return DecodedFrame(time_s, 0x120, "Status", {"Sequence": sequence, "Busy": busy, "Done": done})
+
+
+def command(time_s: float, code: str, sequence: int) -> DecodedFrame:
+    return DecodedFrame(time_s, 0x110, "Command", {"Code": code, "Sequence": sequence})
+
+
+def result(time_s: float, sequence: int) -> DecodedFrame:
+    values: dict[str, Value] = {"Sequence": sequence}
+    return DecodedFrame(time_s, 0x131, "WheelResultFrontLeft", values)
+
+
+def test_trace_of_a_good_cycle_with_repetitions() -> None:
+    cycles = trace_cycles(
+        [
+            status(0, 0),
+            command(1, "start", 1),
+            command(2, "start", 1),
+            status(3, 1, busy=1),
+            status(4, 1, busy=1),
+            result(5, 1),
+            result(6, 1),
+            status(7, 1, done=1),
+            status(8, 1, done=1),
+            command(9, "none", 1),
+            command(10, "acknowledge", 1),
+            command(11, "acknowledge", 1),
+            status(12, 1),
+            command(13, "start", 2),
+        ]
+    )
+    good, started = cycles
+    assert (good.start_s, good.busy_s, good.done_s, good.acknowledged_s) == (1, 3, 7, 10)
+    assert good.result_times_s == [5, 6]
+    assert good.in_order
+    assert started.sequence == 2
+    assert not started.in_order
+    assert started.out_of_order == []
+
+
+def test_trace_of_what_comes_before_its_turn() -> None:
+    start = command(0, "start", 1)
+    busy, done = status(1, 1, busy=1), status(2, 1, done=1)
+    for frames, problem in (
+        ([start, result(1, 1), busy, done], "before busy"),
+        ([start, busy, result(1, 1), done, result(3, 1)], "after done"),
+        ([start, busy, done, result(3, 1)], "done came before any result"),
+        ([start, busy, command(1, "acknowledge", 1), result(2, 1), done], "acknowledge came before done"),
+    ):
+        (cycle,) = trace_cycles(frames)
+        assert not cycle.in_order
+        assert any(problem in text for text in cycle.out_of_order)
+
+
+def test_reused_sequence_after_the_acknowledgement_is_another_cycle() -> None:
+    frames = [command(0, "start", 1), command(1, "acknowledge", 1), command(2, "start", 1)]
+    assert [cycle.start_s for cycle in trace_cycles(frames)] == [0, 2]
