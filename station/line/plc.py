@@ -194,8 +194,8 @@ class PlcSimulator:
         started_s = self._clock()
         self.send_vin(order.vin, sequence)
         self.send_start(order, sequence)
-        _, busy_s = self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
-        _, done_s = self._wait_in_cycle("done", self._timeouts.done_s, sequence, lambda s: s.done)
+        self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
+        self._wait_in_cycle("done", self._timeouts.done_s, sequence, lambda s: s.done)
         with self._changed:
             results = dict(self._results)
         vehicle, wheels, axles = self._read(results, sequence)
@@ -215,8 +215,8 @@ class PlcSimulator:
             wheels=wheels,
             axles=axles,
             started_s=started_s,
-            busy_s=busy_s,
-            done_s=done_s,
+            busy_s=_first_shown(received, sequence, ("Busy", "Done")),
+            done_s=_first_shown(received, sequence, ("Done",)),
             acknowledged_s=acknowledged_s,
             received=received,
         )
@@ -293,7 +293,7 @@ class PlcSimulator:
 
     def _wait_in_cycle(
         self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
-    ) -> tuple[LineStatus, float]:
+    ) -> None:
         def reached_or_failed(status: LineStatus) -> bool:
             return (status.sequence == sequence and reached(status)) or failed(status)
 
@@ -301,11 +301,10 @@ class PlcSimulator:
             refused = status.error_sequence == sequence and status.error_code is not LineErrorCode.NONE
             return status.fault or (refused and not status.busy and not status.done)
 
-        status, time_s = self._wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
+        status, _ = self._wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
         if failed(status):
             problem = "reports a fault" if status.fault else "refused"
             raise LineError(f"the station {problem} at sequence {sequence}: {status.error_code} ({status})")
-        return status, time_s
 
     def _read(
         self, results: dict[str, dict[str, Value]], sequence: int
@@ -333,6 +332,17 @@ class PlcSimulator:
         if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
             raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
         return vehicle, wheel_answers, axle_answers
+
+
+def _first_shown(received: Iterable[ReceivedMessage], sequence: int, flags: tuple[str, ...]) -> float:
+    """When a Status of this sequence first showed one of the flags."""
+    return next(
+        message.time_s
+        for message in received
+        if message.name == "Status"
+        and message.values["Sequence"] == sequence
+        and any(message.values[flag] for flag in flags)
+    )
 
 
 def run_plc(
