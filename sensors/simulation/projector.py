@@ -12,11 +12,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
+from sensors.simulation.surface import kernel, part
 
 Array = NDArray[np.float64]
 
@@ -123,7 +123,7 @@ PACKED = 26
 # The kernels below read row k of all packed projectors: a view of the row would cost reference counting.
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def mask_place(x: float, y: float, z: float, k: int, p: Array) -> tuple[float, float, float]:
     """Slopes a, b and depth of a point (tyre frame) as projector k sees it; depth 0 is behind it."""
     dx, dy, dz = x - p[k, 0], y - p[k, 1], z - p[k, 2]
@@ -136,14 +136,14 @@ def mask_place(x: float, y: float, z: float, k: int, p: Array) -> tuple[float, f
     return a, b, w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def blur_at(depth: float, k: int, p: Array) -> float:
     """Standard deviation of the lines' blur at a depth, as a slope."""
     defocus = p[k, 20] * (1.0 / depth - p[k, 21])
     return math.sqrt(p[k, 19] * p[k, 19] + defocus * defocus)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _family(
     a: float, first: float, pitch: float, count: float, half: float, sigma: float,
     k: int, family: int, lines: Array,
@@ -159,7 +159,7 @@ def _family(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _border(a: float, limit: float, sigma: float) -> float:
     """Transmission of the pattern's outer edge."""
     room = limit - abs(a)
@@ -170,7 +170,7 @@ def _border(a: float, limit: float, sigma: float) -> float:
     return 0.5 * (1.0 + math.erf(room / sigma * _ROOT_HALF))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def irradiance(x: float, y: float, z: float, k: int, p: Array, lines: Array) -> float:
     """Irradiance by projector k on a surface at (x, y, z), tyre frame, that faces it."""
     a, b, depth = mask_place(x, y, z, k, p)
@@ -191,13 +191,13 @@ def irradiance(x: float, y: float, z: float, k: int, p: Array, lines: Array) -> 
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _touches(low: float, high: float, first: float, pitch: float, count: float, reach: float) -> bool:
     k = max(math.ceil((low - reach - first) / pitch), 0.0)
     return k < count and first + k * pitch <= high + reach
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def may_light(points: Array, margin: float, k: int, p: Array) -> bool:
     """Tell whether light of projector k can fall between points (N, 3), tyre frame.
 

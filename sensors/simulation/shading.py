@@ -10,17 +10,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.geometry.distortion import unproject_pixel
 from sensors.simulation.projector import irradiance, may_light
-from sensors.simulation.surface import Surface, height, meet, relief_near
+from sensors.simulation.surface import Surface, height, kernel, meet, part, relief_near
 
 Array = NDArray[np.float64]
 
 CELL = 4
 NOTHING, SMOOTH, MIXED = 0, 1, 2
+_RELIEF_SLOPE = 5e-4  # how far two millimetres of relief shift the light, as a projector sees it
 _LETTER_MM = 0.3  # a letter has its full colour from this height on
 
 
@@ -59,7 +59,7 @@ class Light(NamedTuple):
     around: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _wheel_material(
     x: float, y: float, bump: float, texture: NDArray[np.float32], materials: Array
 ) -> tuple[float, float, float]:
@@ -78,7 +78,7 @@ def _wheel_material(
     return materials[3] * factor, materials[4], materials[5]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _reflect(
     nx: float, ny: float, nz: float, vx: float, vy: float, vz: float,
     lx: float, ly: float, lz: float, albedo: float, gloss: float, roughness: float,
@@ -102,7 +102,7 @@ def _reflect(
     return value * cosine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _radiance(
     x: float, y: float, z: float, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float,
     albedo: float, gloss: float, roughness: float, unshadowed: int,
@@ -128,7 +128,7 @@ def _radiance(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _wheel_radiance(
     x: float, y: float, z: float, dx: float, dy: float, dz: float, zx: float, zy: float, bump: float,
     unshadowed: int, texture: NDArray[np.float32], materials: Array,
@@ -143,7 +143,7 @@ def _wheel_radiance(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shade_cells(
     first: int, last: int, kind: NDArray[np.uint8], depth: Array, nodes: Array, camera: Array,
     o: Array, R: Array, surface: Surface, skin: Skin, light: Light, samples: int,
@@ -151,7 +151,7 @@ def shade_cells(
 ) -> None:  # fmt: skip
     """Shade the smooth cells of cell rows first..last−1.
 
-    Cells that no projector reaches are sampled once for two by two pixels: ambient light has no lines.
+    Cells that only ambient light reaches are sampled once for two by two pixels: there are no lines in it.
 
     Parameters
     ----------
@@ -187,9 +187,14 @@ def shade_cells(
                 corners[c, 2] = oz + t * (r20 * x + r21 * y + r22)
             falls = 0
             for k in range(projectors.shape[0]):
-                if may_light(corners, 2e-3, k, projectors):
+                if may_light(corners, _RELIEF_SLOPE, k, projectors):
                     falls |= 1 << k
-            lit = falls != 0 or around[8] > 0.0
+            inner, outer = 1e18, 0.0
+            for c in range(4):
+                r2 = corners[c, 0] * corners[c, 0] + corners[c, 1] * corners[c, 1]
+                inner, outer = min(inner, r2), max(outer, r2)
+            at_rim_edge = inner <= materials[1] * materials[1] <= outer
+            fine = falls != 0 or around[8] > 0.0 or at_rim_edge
             mx, my = 0.5 * (corners[0, 0] + corners[3, 0]), 0.5 * (corners[0, 1] + corners[3, 1])
             bumpy = relief_near(mx, my, 1.0, scales, relief, occupied)
 
@@ -200,7 +205,7 @@ def shade_cells(
             tuv = depth[i + 1, j + 1] - depth[i, j] - tu - tv
             top, left = CELL * i, CELL * j
             bottom, right = min(top + CELL, height_px), min(left + CELL, width_px)
-            if not lit:
+            if not fine:
                 for row in range(top, bottom, 2):
                     for column in range(left, right, 2):
                         v, u = row - top + 1.0, column - left + 1.0
@@ -245,7 +250,7 @@ def shade_cells(
                             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Exact hits of rays (N, 3) from o near t (N,): t (N,), rows (dz/dx, dz/dy, relief), and success."""
     scales, profile, relief = surface.scales, surface.profile, surface.relief
@@ -258,7 +263,7 @@ def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Ar
     return out, gradient, good
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shade_wheel_rays(
     rays: Array, t: Array, unshadowed: NDArray[np.int64], o: Array, surface: Surface, skin: Skin, light: Light
 ) -> Array:
@@ -278,7 +283,7 @@ def shade_wheel_rays(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shade_facets(
     rays: Array,
     t: Array,

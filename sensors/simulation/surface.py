@@ -19,6 +19,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# A quotient may become a product, a product and a sum one operation: rounding errors stay far below 1e-9 mm.
+kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"arcp", "contract"})
+"""Decorator of the compiled functions that Python calls."""
+
+part = njit(cache=True, nogil=True, error_model="numpy", fastmath={"arcp", "contract"}, forceinline=True)
+"""Decorator of what they call for every sample; without forced inlining the calls take half the time."""
+
 BLOCK = 8
 _MAX_STEPS = 16
 _CLOSE_MM = 1e-3
@@ -59,7 +66,7 @@ def occupied_blocks(relief: NDArray[np.float32]) -> NDArray[np.bool_]:
     return np.asarray(blocks.any(axis=(1, 3)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _weights(f: float) -> tuple[float, float, float, float]:
     g = 1.0 - f
     return (
@@ -70,13 +77,13 @@ def _weights(f: float) -> tuple[float, float, float, float]:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _slopes(f: float) -> tuple[float, float, float, float]:
     g = 1.0 - f
     return -0.5 * g * g, f * (1.5 * f - 2.0), g * (2.0 - 1.5 * g), 0.5 * f * f
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def _relief(row: float, column: float, relief: NDArray[np.float32]) -> tuple[float, float, float]:
     """B and its derivatives along row and column, in units of the grid."""
     i, j = int(row), int(column)
@@ -100,7 +107,7 @@ def _relief(row: float, column: float, relief: NDArray[np.float32]) -> tuple[flo
 # call, which is slower than the arithmetic.
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def relief_near(
     x: float, y: float, reach: float, scales: Array, relief: NDArray[np.float32], occupied: NDArray[np.bool_]
 ) -> bool:
@@ -119,7 +126,7 @@ def relief_near(
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def height(
     x: float, y: float, scales: Array, profile: Array, relief: NDArray[np.float32], with_relief: bool
 ) -> tuple[float, float, float, float, bool]:
@@ -152,7 +159,7 @@ def height(
     return z, zx, zy, bump, True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@part
 def meet(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float,
     scales: Array, profile: Array, relief: NDArray[np.float32], with_relief: bool,
@@ -180,7 +187,7 @@ def meet(
     return t, zx, zy, bump, False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def heights(
     xy: Array, scales: Array, profile: Array, relief: NDArray[np.float32]
 ) -> tuple[Array, NDArray[np.bool_]]:

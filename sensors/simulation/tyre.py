@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import ndtr
+from scipy.special import expit, ndtr
 
 from alignment.errors import DegenerateInputError
 from sensors.simulation.lettering import STEP_MM, Inscription, relief_map
@@ -151,7 +151,7 @@ class Tyre:
             size = rng.uniform(5.0, 30.0)
             x, y = radius * math.cos(angle), radius * math.sin(angle)
             distance = np.hypot(axis[None, :] - x, axis[:, None] - y)
-            inside = 1.0 / (1.0 + np.exp((distance - size) / (0.15 * size)))
+            inside = expit((size - distance) / (0.15 * size))
             texture *= 1.0 + inside * np.float32(rng.choice([-1.0, 1.5]) * strength)
         return replace(self, texture=texture)
 
@@ -337,7 +337,8 @@ def draw_tyre(
         Ring(
             radius_mm=radius + rng.uniform(-2.0, 2.0),
             height_mm=float(rng.choice([-1.0, 1.0])) * rng.uniform(0.3, 1.0),
-            width_mm=rng.uniform(0.8, 3.0),
+            width_mm=rng.uniform(1.0, 3.5),
+            edge_mm=rng.uniform(0.3, 0.7),
         )
         for radius in np.linspace(inside, outside, shape.rings)
     ]
@@ -352,10 +353,10 @@ def draw_tyre(
 
 
 def _draw_inscriptions(rng: np.random.Generator, shape: TyreShape) -> list[Inscription]:
-    """Two or three large words and a ring of small print on each side of them."""
+    """Three or four large words and a ring of small print on each side of them."""
     sidewall = shape.outer - shape.rim_edge
     turn = rng.uniform(0.0, 2 * math.pi)
-    count = int(rng.integers(2, 4))
+    count = int(rng.integers(3, 5))
     large = [
         Inscription(
             text=str(rng.choice(_WORDS)),
@@ -370,11 +371,11 @@ def _draw_inscriptions(rng: np.random.Generator, shape: TyreShape) -> list[Inscr
         Inscription(
             text=str(rng.choice(_SMALL_PRINT)),
             radius_mm=shape.rim_edge + place * sidewall,
-            angle=turn + rng.uniform(0, 2 * math.pi / 10) + 2 * math.pi * i / 5,
+            angle=turn + rng.uniform(0.0, 0.2) + 2 * math.pi * i / 8,
             size_mm=rng.uniform(4.0, 7.0),
             relief_mm=rng.uniform(0.3, 0.5),
         )
         for place in (0.26, 0.76)
-        for i in range(5)
+        for i in range(8)
     ]
     return large + small
