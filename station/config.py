@@ -74,7 +74,7 @@ class CycleSettings(StrictModel):
         default=2.0, description="Longest wait for the images of one wheel, seconds"
     )
     measure_timeout_s: Seconds = Field(
-        default=10.0, description="Longest time from the first exposure to the last angle, seconds"
+        default=30.0, description="Longest time from the first exposure to the last angle, seconds"
     )
     calibration_max_age_days: float = Field(
         default=365.0, gt=0, le=36_500, description="A calibration older than this gives no verdict, days"

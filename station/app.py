@@ -1,0 +1,75 @@
+"""`truewheel run`: the station, from its configuration until it is told to stop."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from station.composition import open_station
+from station.config import read_configuration
+from station.line.messages import StationState
+from station.ports import CycleReport, Observer
+
+_LOG = logging.getLogger("truewheel.station")
+
+
+class _Log(Observer):
+    def entered(self, state: StationState) -> None:
+        _LOG.info("state %s", state)
+
+    def cycle_done(self, report: CycleReport) -> None:
+        trigger, record = report.trigger, report.record
+        _LOG.info(
+            "start %d, VIN %s: %s%s, line was told %s",
+            trigger.sequence,
+            trigger.vin,
+            record.outcome,
+            f" ({record.reason_text})" if record.reason_text else "",
+            report.told or "nothing",
+        )
+
+
+def run_station(config: Path, stopping: threading.Event | None = None) -> None:
+    """Run the station until SIGINT or SIGTERM, or until `stopping` is set; a cycle under way is finished.
+
+    Raises
+    ------
+    TruewheelError
+        When it cannot start; all failures together.
+    """
+    stopping = stopping or threading.Event()
+    configuration = read_configuration(config)
+    with stop_on_signals(stopping), open_station(configuration, _Log()) as station:
+        settings = configuration.settings
+        _LOG.info(
+            "%s is ready: %d rigs, line %s %s",
+            settings.station.name,
+            len(station.positions),
+            settings.line.interface,
+            settings.line.channel,
+        )
+        station.cycle.serve(stopping)
+    _LOG.info("stopped")
+
+
+@contextmanager
+def stop_on_signals(stopping: threading.Event) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set `stopping`; only in the main thread, where signals arrive."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        stopping.set()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

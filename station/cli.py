@@ -1,0 +1,94 @@
+"""The command line. Loads only what a verb needs: `truewheel --help` answers at once."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from alignment.errors import ConfigurationError, InputError, SeveralErrors, StoreSchemaError, TruewheelError
+from station.commands import wheel
+from station.commands.database import db_app
+from station.commands.demo import demo
+from station.commands.line import line_app
+from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
+
+app = typer.Typer(
+    name="truewheel",
+    help="Wheel alignment at the end of the line: camber and toe of every wheel, without touching it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    epilog="Exit status: 0 done; 1 done, but a goal was missed or a wheel refused; 2 bad input; 3 station "
+    "fault.",
+)
+app.command()(demo)
+app.command()(wheel.measure)
+app.add_typer(wheel.simulate_app, name="simulate")
+app.add_typer(line_app, name="line")
+app.add_typer(db_app, name="db")
+
+
+@app.callback(invoke_without_command=True)
+def _truewheel(
+    show_version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+) -> None:
+    if show_version:
+        typer.echo(version("truewheel"))
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    config: Annotated[
+        Path | None, typer.Option(help="Station's configuration.", show_default="configs/station.toml")
+    ] = None,
+) -> None:
+    """Run the station until SIGINT or SIGTERM."""
+    from station.app import run_station  # noqa: PLC0415
+
+    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
+    run_station(default_config(config))
+
+
+@app.command()
+def schema(
+    name: Annotated[str, typer.Argument(help="shot, calibration, truth, station, vehicle-type, simulation.")],
+) -> None:
+    """Print the JSON schema of a file that this program reads."""
+    from station.schemas import schema_of  # noqa: PLC0415
+
+    print_json(schema_of(name))
+
+
+def exit_status(error: TruewheelError) -> int:
+    """Return the exit status of an error: bad input, which a person can correct, or a station fault."""
+    if isinstance(error, SeveralErrors):
+        parts = [part for part in error.exceptions if isinstance(part, TruewheelError)]
+        return max(map(exit_status, parts), default=STATION_FAULT)
+    return BAD_INPUT if isinstance(error, InputError | StoreSchemaError) else STATION_FAULT
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; ends the program with the exit status."""
+    try:
+        app(args=arguments)
+    except TruewheelError as error:
+        typer.echo(f"truewheel: {error}", err=True)
+        sys.exit(exit_status(error))
+    except OSError as error:
+        # What the formats do not translate: an output folder that cannot be made, a broken pipe.
+        problem = ConfigurationError(
+            file=error.filename, expected="to read or write it", seen=error.strerror or str(error)
+        )
+        typer.echo(f"truewheel: {problem}", err=True)
+        sys.exit(BAD_INPUT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""`truewheel measure` and `truewheel simulate wheel`."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+
+if TYPE_CHECKING:
+    from alignment.values import Refusal, WheelMeasurement
+
+simulate_app = typer.Typer(no_args_is_help=True, help="Render images in the recorded formats.")
+
+
+class SideOption(StrEnum):
+    """Side of the vehicle."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+def measure(
+    shot: Annotated[Path, typer.Argument(help="Folder of a recorded shot.", show_default=False)],
+    calibration: Annotated[
+        Path, typer.Option(help="Calibration file of the rig that took it.", show_default=False)
+    ],
+    config: Annotated[
+        Path | None, typer.Option(help="Station's configuration whose [measure] counts.", show_default=False)
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Measure camber and toe of one wheel from recorded images; exit status 1 when refused."""
+    from alignment.measure import measure_wheel  # noqa: PLC0415
+    from alignment.values import MeasureSettings  # noqa: PLC0415
+    from sensors.formats import read_calibration, read_shot  # noqa: PLC0415
+    from station.config import read_configuration  # noqa: PLC0415
+
+    settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
+    known = read_calibration(calibration)
+    images = read_shot(shot, known).images
+    started = time.perf_counter()
+    found = measure_wheel(images, known, settings)
+    duration_ms = 1000.0 * (time.perf_counter() - started)
+    result = measurement_as_json(found, known.id, duration_ms)
+    if as_json:
+        print_json(result)
+    elif found:
+        typer.echo(f"camber {result['camber_deg']:+.4f}° ± {result['camber_u95_deg']:.4f}°")
+        typer.echo(f"toe    {result['toe_deg']:+.4f}° ± {result['toe_u95_deg']:.4f}°")
+        typer.echo(
+            f"{result['method']}, {result['points_used']} points, residual "
+            f"{result['residual_rms_mm']:.4f} mm, calibration {known.id}, {duration_ms:.0f} ms"
+        )
+    else:
+        typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
+    if not found:
+        raise typer.Exit(GOAL_MISSED)
+
+
+def measurement_as_json(
+    found: WheelMeasurement | Refusal, calibration_id: str, duration_ms: float
+) -> dict[str, Any]:
+    """Return what `truewheel measure --json` prints."""
+    from alignment.values import Refusal  # noqa: PLC0415
+
+    result: dict[str, Any] = {
+        "outcome": "refused",
+        "reason": None,
+        "reason_code": None,
+        "camber_deg": None,
+        "toe_deg": None,
+        "camber_u95_deg": None,
+        "toe_u95_deg": None,
+        "plane": None,
+        "points_used": None,
+        "residual_rms_mm": None,
+        "method": None,
+        "heads": None,
+        "duration_ms": duration_ms,
+        "calibration_id": calibration_id,
+    }
+    if isinstance(found, Refusal):
+        return result | {"reason": found.reason, "reason_code": str(found.code)}
+    return result | {
+        "outcome": "measured",
+        "camber_deg": math.degrees(found.camber),
+        "toe_deg": math.degrees(found.toe),
+        "camber_u95_deg": math.degrees(found.camber_u95),
+        "toe_u95_deg": math.degrees(found.toe_u95),
+        "plane": {"normal": [float(n) for n in found.normal], "offset_mm": found.offset_mm},
+        "points_used": int(found.points_used),
+        "residual_rms_mm": float(found.residual_rms_mm),
+        "method": found.method,
+        "heads": [asdict(head) for head in found.heads],
+    }
+
+
+@simulate_app.command("wheel")
+def simulate_wheel_command(
+    camber: Annotated[float, typer.Option(help="Camber of the spin axis, degrees.", min=-10, max=10)],
+    toe: Annotated[float, typer.Option(help="Toe of the spin axis, degrees.", min=-10, max=10)],
+    seed: Annotated[int, typer.Option(help="Of rig, tyre and noise.", min=0, max=2**32 - 1)],
+    out: Annotated[Path, typer.Option(help="New folder for shot, truth and calibration.")],
+    side: Annotated[SideOption, typer.Option(help="Side of the vehicle.")] = SideOption.LEFT,
+    spin: Annotated[float, typer.Option(help="Turn of the wheel, degrees.", min=-3600, max=3600)] = 0.0,
+    runout: Annotated[
+        float, typer.Option(help="Angle between tyre plane and spin axis, degrees.", min=0, max=5)
+    ] = 0.0,
+    runout_phase: Annotated[
+        float, typer.Option(help="Where in the wheel the tyre leans to, degrees.", min=-360, max=360)
+    ] = 0.0,
+    offset: Annotated[
+        tuple[float, float, float],
+        typer.Option(help="Position of the wheel's centre in the rig frame: x y z, millimetres."),
+    ] = (0.0, 0.0, 0.0),
+    config: Annotated[
+        Path | None, typer.Option(help="TOML with rig, tyre, light and noise.", show_default=False)
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
+    from alignment.errors import ConfigurationError  # noqa: PLC0415
+    from sensors.simulation.scene import WheelPose  # noqa: PLC0415
+    from station.simulation import (  # noqa: PLC0415
+        read_simulation,
+        simulate_wheel,
+        write_simulated_wheel,
+    )
+
+    farthest = max(map(abs, offset))
+    if not farthest <= 100.0:
+        raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
+    pose = WheelPose(
+        camber=math.radians(camber),
+        toe=math.radians(toe),
+        spin=math.radians(spin),
+        run_out=math.radians(runout),
+        run_out_phase=math.radians(runout_phase),
+        offset_mm=offset,
+    )
+    shot, truth, calibration = simulate_wheel(
+        read_simulation(config), "left" if side is SideOption.LEFT else "right", pose, seed
+    )
+    write_simulated_wheel(out, shot, truth, calibration)
+    if as_json:
+        print_json(
+            {
+                "shot": str(out),
+                "truth": str(out / "truth.json"),
+                "calibration": str(out / "calibration.json"),
+                "calibration_id": calibration.id,
+                **asdict(truth),
+            }
+        )
+    else:
+        typer.echo(f"wrote {out}: {2 * len(shot.heads)} images, truth.json, calibration.json")

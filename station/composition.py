@@ -1,0 +1,194 @@
+"""Puts a station together from its configuration: the one place that decides which parts stand behind it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeVar
+
+from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
+from alignment.measure import measure_wheel
+from db.store import ResultStore
+from sensors.drivers.recorded import recorded_rig
+from sensors.formats import read_calibration_file, write_calibration
+from sensors.formats.shot import SHOT_FILE
+from sensors.heads import Rig
+from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions
+from station.cycle import MeasuringCycle
+from station.line.bus import BusSettings, LineBus, open_bus
+from station.line.dbc import LineDatabase, load_line_database
+from station.line.interface import StationLine
+from station.ports import Bounds, Identity, Observer
+from station.wheels import CalibrationInForce, WheelPosition
+
+T = TypeVar("T")
+_UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
+
+
+@dataclass(frozen=True, eq=False)
+class OpenStation:
+    """A station with everything connected, ready to serve."""
+
+    cycle: MeasuringCycle
+    positions: tuple[WheelPosition, ...]
+    store: ResultStore
+    line: StationLine
+    line_database: LineDatabase
+    bus: LineBus
+
+
+@contextmanager
+def open_station(configuration: Configuration, observer: Observer | None = None) -> Iterator[OpenStation]:
+    """Open cameras, database and line; closed again at the end, whatever happened.
+
+    Raises
+    ------
+    SeveralErrors
+        Everything that failed, together: one look at the message tells all there is to repair.
+    TruewheelError
+        The failure, when there is only one.
+    """
+    settings = configuration.settings
+    failures: list[TruewheelError] = []
+
+    def attempt(action: Callable[[], T]) -> T | None:
+        try:
+            return action()
+        except TruewheelError as error:
+            failures.append(error)
+            return None
+
+    with ExitStack() as stack:
+        database = attempt(lambda: load_line_database(configuration.path(settings.line.dbc)))
+        positions = [attempt(partial(_position, configuration, k)) for k in range(len(settings.rigs))]
+        for position in positions:
+            if position is not None:
+                stack.callback(position.rig.close)
+                attempt(position.rig.connect)
+        store = attempt(lambda: stack.enter_context(_store(configuration)))
+        bus = attempt(lambda: stack.enter_context(open_bus(bus_settings(configuration))))
+        if failures:
+            raise _together(failures)
+        assert database is not None
+        assert store is not None
+        assert bus is not None
+        whole = tuple(position for position in positions if position is not None)
+        line = stack.enter_context(StationLine(bus, database))
+        cycle = MeasuringCycle(
+            Identity(settings.station.id, version("truewheel"), configuration.hash),
+            whole,
+            configuration.vehicle_types,
+            line,
+            store,
+            Bounds(
+                measure_s=settings.cycle.measure_timeout_s,
+                # The store bounds each statement; a commit is a few of them.
+                store_s=2.0 * settings.database.timeout_s,
+                acknowledge_s=settings.line.acknowledge_timeout_s,
+            ),
+            settings.measure.coverage_factor,
+            observer,
+        )
+        stack.callback(cycle.close)
+        cycle.start()
+        yield OpenStation(cycle, whole, store, line, database, bus)
+
+
+def bus_settings(configuration: Configuration) -> BusSettings:
+    """Return the station's end of the bus."""
+    line = configuration.settings.line
+    log = None if line.log is None else configuration.path(line.log)
+    return BusSettings(line.interface, line.channel, line.bitrate, log)
+
+
+def _together(failures: list[TruewheelError]) -> TruewheelError:
+    if len(failures) == 1:
+        return failures[0]
+    return SeveralErrors(f"the station cannot start, {len(failures)} parts failed", failures)
+
+
+def _store(configuration: Configuration) -> ResultStore:
+    database = configuration.settings.database
+    return ResultStore(configuration.database_url, create=database.create, timeout_s=database.timeout_s)
+
+
+def _position(configuration: Configuration, index: int) -> WheelPosition:
+    settings, rig = configuration.settings, configuration.settings.rigs[index]
+    calibration: CalibrationInForce | None = None
+    if rig.calibration is not None:
+        calibration = _read_calibration(configuration, rig, index)
+    if rig.simulated is not None:
+        cameras, true = _simulated(configuration, rig, rig.simulated)
+        calibration = calibration or true
+    elif rig.recorded is not None:
+        cameras = _recorded(configuration, rig, rig.recorded, index)
+    assert calibration is not None
+    return WheelPosition(
+        cameras, calibration, measure_wheel, settings.measure.settings(), settings.cycle.shoot_timeout_s
+    )
+
+
+def _read_calibration(configuration: Configuration, rig: RigSettings, index: int) -> CalibrationInForce:
+    assert rig.calibration is not None
+    file = read_calibration_file(configuration.path(rig.calibration))
+    for field, expected, seen in (("rig", rig.name, file.rig), ("side", rig.side, file.side)):
+        if expected != seen:
+            raise ConfigurationError(
+                file=configuration.file,
+                field=f"rigs[{index}].calibration",
+                expected=f"a calibration of {field} '{expected}'",
+                seen=f"'{rig.calibration}', which is of {field} '{seen}'",
+                cure="Name the calibration of this rig",
+            )
+    return CalibrationInForce(
+        file.calibration(),
+        file.created_utc,
+        configuration.settings.cycle.calibration_max_age_days,
+        file.model_dump(mode="json", by_alias=True),
+    )
+
+
+def _simulated(
+    configuration: Configuration, rig: RigSettings, options: SimulatedOptions
+) -> tuple[Rig, CalibrationInForce]:
+    # Only a configuration that names the simulator loads it.
+    from station.simulated import (  # noqa: PLC0415
+        TRUE_CALIBRATION_METHOD,
+        TRUE_CALIBRATION_UTC,
+        SimulatedRig,
+        angles_about,
+        true_calibration,
+    )
+
+    true = true_calibration(rig.name, rig.side, options.rig, options.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        # Through the file format, so that the record holds what a calibration file would.
+        path = Path(folder) / "calibration.json"
+        write_calibration(path, true, method=TRUE_CALIBRATION_METHOD, created_utc=TRUE_CALIBRATION_UTC)
+        document = read_calibration_file(path).model_dump(mode="json", by_alias=True)
+    cameras = SimulatedRig(
+        true,
+        options.rig,
+        options.seed,
+        angles_about(options.camber_deg, options.toe_deg, options.spread_deg),
+        configuration.settings.cameras.settings(),
+    )
+    return cameras, CalibrationInForce(true, TRUE_CALIBRATION_UTC, _UNLIMITED_DAYS, document)
+
+
+def _recorded(configuration: Configuration, rig: RigSettings, options: RecordedOptions, index: int) -> Rig:
+    folder = configuration.path(options.shots)
+    folders = sorted(path.parent for path in folder.glob(f"*/{SHOT_FILE}"))
+    if not folders:
+        raise ConfigurationError(
+            file=configuration.file,
+            field=f"rigs[{index}].recorded.shots",
+            expected=f"a folder of recorded shots, each a folder with {SHOT_FILE}",
+            seen=f"none in '{options.shots}'",
+        )
+    return recorded_rig(folders, options.at_end, rig.name)

@@ -1,0 +1,134 @@
+"""Rigs whose cameras look at simulated wheels. Only `station.composition`, the demo and studies use them."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Literal
+
+import numpy as np
+
+from alignment.values import Image, RigCalibration, Side
+from sensors.camera import CameraSettings
+from sensors.drivers.simulated import SimulatedCamera
+from sensors.formats.truth import WheelTruth
+from sensors.heads import Rig, StereoHead
+from sensors.simulation.render import camera_image
+from sensors.simulation.rigs import RIG_SPECS, build_rig
+from sensors.simulation.scene import WheelPose, WheelScene, draw_pose, draw_scene, truth_of
+
+PoseDrawer = Callable[[np.random.Generator], WheelPose]
+TRUE_CALIBRATION_UTC = datetime(2026, 1, 1, tzinfo=UTC)
+TRUE_CALIBRATION_METHOD = "simulated: the true cameras"
+
+
+def true_calibration(rig: str, side: Side, preset: str, seed: int) -> RigCalibration:
+    """Build the cameras of a simulated rig; its identity follows from its content, so it never lies."""
+    built = build_rig(RIG_SPECS[preset], rig, side, np.random.default_rng([seed, 0]))
+    content = hashlib.sha256()
+    for camera in (camera for head in built.heads for camera in head.cameras):
+        pose = camera.rig_from_camera
+        for array in (camera.model.parameters, pose.rotation, pose.translation):
+            content.update(array.tobytes())
+    return replace(built, id=f"simulated-{rig}-{content.hexdigest()[:12]}")
+
+
+class SimulatedRig(Rig):
+    """A rig in front of which every `arm` puts another wheel.
+
+    Parameters
+    ----------
+    calibration
+        The true cameras.
+    preset
+        Name of the rig's geometry and light.
+    seed
+        Of its wheels.
+    pose
+        Draws the pose of the next wheel; exchange it to say what comes.
+    settings
+        Of all cameras.
+
+    Attributes
+    ----------
+    truth
+        Of the wheel that stands there now.
+    """
+
+    def __init__(
+        self,
+        calibration: RigCalibration,
+        preset: str,
+        seed: int,
+        pose: PoseDrawer,
+        settings: CameraSettings,
+    ) -> None:
+        heads = [
+            StereoHead(head.name, *(self._camera(calibration, index, side) for side in ("left", "right")))
+            for index, head in enumerate(calibration.heads)
+        ]
+        super().__init__(calibration.rig, heads, settings)
+        self.pose = pose
+        self._calibration = calibration
+        self._preset = preset
+        self._seed = seed
+        self._wheels = 0
+        self._scene: WheelScene | None = None
+        self._noise: dict[tuple[int, str], np.random.Generator] = {}
+
+    @property
+    def truth(self) -> WheelTruth:
+        """The angles of the wheel that stands there now."""
+        return truth_of(self._wheel())
+
+    def arm(self) -> None:
+        """Put the next wheel there, then arm the cameras."""
+        self._wheels += 1
+        self._scene = None
+        super().arm()
+
+    def _wheel(self) -> WheelScene:
+        if self._scene is None:
+            rng = np.random.default_rng([self._seed, 1, self._wheels])
+            pose = self.pose(rng)
+            self._scene = draw_scene(
+                RIG_SPECS[self._preset], self._calibration.side, pose, rng, seed=self._seed
+            )
+            cameras = [(index, side) for index in range(len(self.heads)) for side in ("left", "right")]
+            self._noise = dict(zip(cameras, rng.spawn(len(cameras)), strict=True))
+        return self._scene
+
+    def _camera(
+        self, calibration: RigCalibration, head: int, side: Literal["left", "right"]
+    ) -> SimulatedCamera:
+        return SimulatedCamera(
+            f"{calibration.rig}/{calibration.heads[head].name}/{side}", _View(self, head, side)
+        )
+
+    def image(self, head: int, side: Literal["left", "right"]) -> Image:
+        """What one camera sees now."""
+        scene = self._wheel()
+        return camera_image(scene, self._calibration, head, side, self._noise[head, side], self.settings)
+
+
+class _View:
+    """What one camera of a rig sees."""
+
+    def __init__(self, rig: SimulatedRig, head: int, side: Literal["left", "right"]) -> None:
+        self._rig, self._head, self._side = rig, head, side
+
+    def image(self, trigger_counter: int) -> Image:
+        return self._rig.image(self._head, self._side)
+
+
+def angles_about(camber_deg: float, toe_deg: float, spread_deg: float) -> PoseDrawer:
+    """Return a function that draws poses with angles about these, degrees."""
+
+    def draw(rng: np.random.Generator) -> WheelPose:
+        camber, toe = rng.normal((camber_deg, toe_deg), spread_deg)
+        return draw_pose(rng, math.radians(camber), math.radians(toe))
+
+    return draw
