@@ -50,7 +50,7 @@ def run(
     ] = None,
 ) -> None:
     """Run the station until SIGINT or SIGTERM."""
-    from station.app import run_station  # noqa: PLC0415
+    from station.app import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
     run_station(default_config(config))
@@ -61,7 +61,7 @@ def schema(
     name: Annotated[str, typer.Argument(help="shot, calibration, truth, station, vehicle-type, simulation.")],
 ) -> None:
     """Print the JSON schema of a file that this program reads."""
-    from station.schemas import schema_of  # noqa: PLC0415
+    from station.schemas import schema_of
 
     print_json(schema_of(name))
 

@@ -157,7 +157,7 @@ def _simulated(
     configuration: Configuration, rig: RigSettings, options: SimulatedOptions
 ) -> tuple[Rig, CalibrationInForce]:
     # Only a configuration that names the simulator loads it.
-    from station.simulated import (  # noqa: PLC0415
+    from station.simulated import (
         TRUE_CALIBRATION_METHOD,
         TRUE_CALIBRATION_UTC,
         SimulatedRig,

@@ -19,7 +19,7 @@ DatabaseOption = Annotated[
 @db_app.command()
 def migrate(database: DatabaseOption, as_json: JsonFlag = False) -> None:
     """Create the database, or bring it to this program's schema; nothing stored is lost."""
-    from db import migrate as migration  # noqa: PLC0415
+    from db import migrate as migration
 
     revision = migration.migrate(database)
     if as_json:

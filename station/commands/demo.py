@@ -34,8 +34,8 @@ def demo(
     as_json: JsonFlag = False,
 ) -> None:
     """Run a simulated line: PLC, vehicles, cameras; the real pipeline, line interface and database."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import (  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
@@ -43,7 +43,7 @@ def demo(
         TimeRemainingColumn,
     )
 
-    from station.config import read_configuration  # noqa: PLC0415
+    from station.config import read_configuration
 
     folder = out or Path("demo") / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))
@@ -51,7 +51,7 @@ def demo(
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("loading", total=vehicles * len(configuration.settings.rigs))
         # Loads renderer and mathematics, which takes seconds: the bar is there first.
-        from station.demo import demo_configuration, run_demo  # noqa: PLC0415
+        from station.demo import demo_configuration, run_demo
 
         folder.mkdir(parents=True, exist_ok=True)
         url = database or f"sqlite:///{folder.resolve() / 'results.sqlite'}"
@@ -108,7 +108,7 @@ def _wheel_as_json(wheel: DemoWheel) -> dict[str, Any]:
 
 
 def _show(result: DemoResult) -> None:
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
     console = Console()
     for vehicle in result.vehicles:
@@ -128,8 +128,8 @@ def _show(result: DemoResult) -> None:
 
 
 def _table(vehicle: DemoVehicle) -> Table:
-    from rich.box import SIMPLE  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.box import SIMPLE
+    from rich.table import Table
 
     table = Table(
         title=f"{vehicle.vin}, {vehicle.vehicle_type}: {vehicle.outcome}",

@@ -44,8 +44,8 @@ def plc(
     as_json: JsonFlag = False,
 ) -> None:
     """Play the PLC: trigger a station for each VIN and show its answers; exit status 1 unless all are ok."""
-    from station.line.messages import Outcome  # noqa: PLC0415
-    from station.line.plc import PlcOrder, run_plc  # noqa: PLC0415
+    from station.line.messages import Outcome
+    from station.line.plc import PlcOrder, run_plc
 
     configuration = _read(config)
     orders = [PlcOrder(one, vehicle_type, tuple(wheel) if wheel else None) for one in vin]
@@ -96,9 +96,9 @@ def monitor(
     as_json: JsonFlag = False,
 ) -> None:
     """Show traffic decoded by the DBC, live or from a log; exit status 1 when a frame was in error."""
-    from station.line.bus import open_bus  # noqa: PLC0415
-    from station.line.dbc import load_line_database  # noqa: PLC0415
-    from station.line.monitor import DecodedFrame, decode_log, watch  # noqa: PLC0415
+    from station.line.bus import open_bus
+    from station.line.dbc import load_line_database
+    from station.line.monitor import DecodedFrame, decode_log, watch
 
     configuration = _read(config)
     database = load_line_database(configuration.path(configuration.settings.line.dbc))
@@ -124,13 +124,13 @@ def monitor(
 
 
 def _read(config: Path | None) -> Configuration:
-    from station.config import read_configuration  # noqa: PLC0415
+    from station.config import read_configuration
 
     return read_configuration(default_config(config))
 
 
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
-    from station.line.bus import BusSettings  # noqa: PLC0415
+    from station.line.bus import BusSettings
 
     line = configuration.settings.line
     settings = BusSettings(line.interface, line.channel, line.bitrate)

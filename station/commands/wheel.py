@@ -37,10 +37,10 @@ def measure(
     as_json: JsonFlag = False,
 ) -> None:
     """Measure camber and toe of one wheel from recorded images; exit status 1 when refused."""
-    from alignment.measure import measure_wheel  # noqa: PLC0415
-    from alignment.values import MeasureSettings  # noqa: PLC0415
-    from sensors.formats import read_calibration, read_shot  # noqa: PLC0415
-    from station.config import read_configuration  # noqa: PLC0415
+    from alignment.measure import measure_wheel
+    from alignment.values import MeasureSettings
+    from sensors.formats import read_calibration, read_shot
+    from station.config import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
     known = read_calibration(calibration)
@@ -68,7 +68,7 @@ def measurement_as_json(
     found: WheelMeasurement | Refusal, calibration_id: str, duration_ms: float
 ) -> dict[str, Any]:
     """Return what `truewheel measure --json` prints."""
-    from alignment.values import Refusal  # noqa: PLC0415
+    from alignment.values import Refusal
 
     result: dict[str, Any] = {
         "outcome": "refused",
@@ -126,9 +126,9 @@ def simulate_wheel_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
-    from alignment.errors import ConfigurationError  # noqa: PLC0415
-    from sensors.simulation.scene import WheelPose  # noqa: PLC0415
-    from station.simulation import (  # noqa: PLC0415
+    from alignment.errors import ConfigurationError
+    from sensors.simulation.scene import WheelPose
+    from station.simulation import (
         read_simulation,
         simulate_wheel,
         write_simulated_wheel,
