@@ -1,4 +1,4 @@
-"""The recorded formats, read and written in one place: shot, calibration, truth, single images."""
+"""The recorded formats, read and written in one place: shots, plates, sessions, calibrations, images."""
 
 from __future__ import annotations
 
@@ -10,7 +10,16 @@ from sensors.formats.calibration import (
     read_calibration_file,
     write_calibration,
 )
+from sensors.formats.gauge_frame import GaugeFrame, GaugeFrameFile, read_gauge_frame
 from sensors.formats.images import read_image, write_image
+from sensors.formats.plate import PlateDescription, PlateFile, read_plate
+from sensors.formats.plate_session import (
+    PlateSession,
+    PlateSessionFile,
+    SessionView,
+    read_plate_session,
+    write_plate_session,
+)
 from sensors.formats.shot import ShotFile, check_shot_matches, read_shot, write_shot
 from sensors.formats.truth import TruthFile, WheelTruth, read_truth, write_truth
 
@@ -18,22 +27,36 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "shot": ShotFile,
     "calibration": CalibrationFile,
     "truth": TruthFile,
+    "plate": PlateFile,
+    "plate-session": PlateSessionFile,
+    "gauge-frame": GaugeFrameFile,
 }
 
 __all__ = [
     "SCHEMAS",
     "CalibrationFile",
+    "GaugeFrame",
+    "GaugeFrameFile",
+    "PlateDescription",
+    "PlateFile",
+    "PlateSession",
+    "PlateSessionFile",
+    "SessionView",
     "ShotFile",
     "TruthFile",
     "WheelTruth",
     "check_shot_matches",
     "read_calibration",
     "read_calibration_file",
+    "read_gauge_frame",
     "read_image",
+    "read_plate",
+    "read_plate_session",
     "read_shot",
     "read_truth",
     "write_calibration",
     "write_image",
+    "write_plate_session",
     "write_shot",
     "write_truth",
 ]

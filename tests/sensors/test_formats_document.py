@@ -1,14 +1,27 @@
 """`docs/formats.md` against the program: its examples are read, its tables name every field."""
 
+import itertools
 import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from sensors.formats import SCHEMAS, check_shot_matches, read_calibration, read_shot, read_truth
+from sensors.formats import (
+    SCHEMAS,
+    check_shot_matches,
+    read_calibration,
+    read_gauge_frame,
+    read_plate,
+    read_plate_session,
+    read_shot,
+    read_truth,
+    write_image,
+)
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
 JSON_BLOCKS = {
     json.loads(block)["schema"].split(".")[1].split("/")[0]: block
@@ -48,17 +61,55 @@ def test_the_truth_of_the_document_is_read(tmp_path):
     assert read_truth(example("truth", tmp_path)).camber_deg == -1.0
 
 
+def test_the_plate_of_the_document_is_read_with_its_certificate(tmp_path):
+    toml, _ = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+    (certificate,) = re.findall(r"```csv\n(.*?)```", DOCUMENT, re.DOTALL)
+    listed = {tuple(line.split(",")[:2]) for line in certificate.splitlines()[2:]}
+    grid = itertools.product(range(-5, 6), repeat=2)
+    others = [f"{i},{j},{15.0 * i},{15.0 * j},0.0005" for i, j in grid if (str(i), str(j)) not in listed]
+    (tmp_path / "head.toml").write_text(toml, encoding="utf-8")
+    (tmp_path / "head_certificate.csv").write_text(certificate + "\n".join(others) + "\n", encoding="utf-8")
+    plate = read_plate(tmp_path / "head.toml").plate
+    assert plate.points[0].tolist() == [-74.9983, -75.0021, 0.0]
+    assert plate.sigma_mm[0, 0] == 0.0005 < plate.sigma_mm[0, 2]
+
+
+def test_the_session_of_the_document_is_read(tmp_path):
+    session_json = json.loads(
+        example("plate-session", tmp_path).rename(tmp_path / "session.json").read_text()
+    )
+    for view in session_json["views"]:
+        for side in ("left", "right"):
+            write_image(tmp_path / view["images"][0][side], np.zeros((1024, 1280), np.uint8))
+    session = read_plate_session(tmp_path)
+    assert session.sizes["head_1", "left"] == (1280, 1024)
+    assert [view.stage_mm is None for view in session.views] == [False, True]
+
+
+def test_the_gauge_frame_of_the_document_is_read(tmp_path):
+    _, toml = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+    path = CONFIGS / "plates" / "rig.toml"
+    (tmp_path / "gauge.toml").write_text(toml.replace('"rig.toml"', json.dumps(str(path))), encoding="utf-8")
+    seen = read_gauge_frame(tmp_path / "gauge.toml").plates["front_left"]
+    assert seen.vehicle_from_plate.apply([0.0, 0.0, 1.0]).tolist() == [1350.0, 801.0, 0.0]
+
+
 def fields_in(model):
     for name, field in model.model_fields.items():
         yield field.alias or name
         for candidate in (field.annotation, *getattr(field.annotation, "__args__", ())):
-            if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            # A file that holds another kind of file is explained there.
+            if (
+                isinstance(candidate, type)
+                and issubclass(candidate, BaseModel)
+                and candidate not in SCHEMAS.values()
+            ):
                 yield from fields_in(candidate)
 
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_every_field_is_explained_in_the_table_of_its_file(name):
-    start = re.search(rf"^## {name.capitalize()}\b", DOCUMENT, re.MULTILINE).start()
+    start = re.search(rf"^## {name.capitalize().replace('-', ' ')}\b", DOCUMENT, re.MULTILINE).start()
     section = DOCUMENT[start:].split("\n## ")[0]
     cells = re.findall(r"^\| (`[^|]*) \|", section, re.MULTILINE)
     explained = {field for cell in cells for field in re.findall(r"`([^`]+)`", cell)}

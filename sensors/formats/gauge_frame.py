@@ -1,0 +1,101 @@
+"""A frame of several plates that puts the rigs into the vehicle frame, schema ``truewheel.gauge-frame/1``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.geometry.transforms import RigidTransform
+from sensors.formats.calibration import Pose
+from sensors.formats.plate import FilePath, PlateDescription, load_toml, read_plate
+from sensors.formats.validation import Name, StrictModel, validate
+
+
+class GaugePlateEntry(StrictModel):
+    """One plate of the frame."""
+
+    rig: Name = Field(description="Name of the rig that sees this plate")
+    plate_file: FilePath = Field(
+        description="TOML file that describes the plate, relative to this file's folder"
+    )
+    vehicle_from_plate: Pose = Field(
+        description="Takes plate coordinates to vehicle coordinates, as the frame's certificate states"
+    )
+
+
+class GaugeFrameFile(StrictModel):
+    """What describes a gauge frame."""
+
+    schema_: Literal["truewheel.gauge-frame/1"] = Field(
+        alias="schema", description="Kind and version of this file"
+    )
+    name: Name = Field(description="Name of the frame")
+    position_sigma_mm: float = Field(
+        gt=0, le=10, description="Standard uncertainty of each coordinate of a plate's origin, millimetres"
+    )
+    angle_sigma_arcmin: float = Field(
+        gt=0, le=60, description="Standard uncertainty of a plate's rotation about each axis, arcminutes"
+    )
+    plates: tuple[GaugePlateEntry, ...] = Field(
+        min_length=1, max_length=16, description="The plates, one for each rig"
+    )
+
+    @model_validator(mode="after")
+    def _rigs_differ(self) -> GaugeFrameFile:
+        rigs = [plate.rig for plate in self.plates]
+        if len(set(rigs)) < len(rigs):
+            raise DegenerateInputError(field="plates", expected="one plate for each rig", seen=str(rigs))
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class GaugePlate:
+    """One plate of a gauge frame, and its pose in the vehicle frame."""
+
+    plate: PlateDescription
+    vehicle_from_plate: RigidTransform
+
+
+@dataclass(frozen=True, eq=False)
+class GaugeFrame:
+    """A gauge frame.
+
+    Attributes
+    ----------
+    file
+        What the file says.
+    plates
+        By name of the rig that sees the plate.
+    """
+
+    file: GaugeFrameFile
+    plates: dict[str, GaugePlate]
+
+
+def read_gauge_frame(path: str | PathLike[str]) -> GaugeFrame:
+    """Read the description of a gauge frame and those of its plates.
+
+    Raises
+    ------
+    ConfigurationError
+        When a description is missing, is no TOML, or a field is missing, unknown or out of range.
+    FormatError
+        When a plate's certificate cannot be read.
+    """
+    path = Path(path)
+    data = load_toml(path, "the description of a gauge frame")
+    file = validate(GaugeFrameFile, data, file=path, error=ConfigurationError)
+    return GaugeFrame(
+        file,
+        {
+            entry.rig: GaugePlate(
+                read_plate(path.parent / entry.plate_file), entry.vehicle_from_plate.transform()
+            )
+            for entry in file.plates
+        },
+    )
