@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
-from alignment.imaging.lines import LightLines, extract_light_lines
+from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import Candidates, match_lines
+from alignment.stereo.rectification import epipolar_directions
 from alignment.stereo.surface import PlaneHypothesis, nearest_candidates, plane_hypotheses
 from alignment.values import (
     HeadCalibration,
@@ -88,8 +89,10 @@ def measure_wheel(
     if wrong is not None:
         return wrong
     matched: list[Candidates] = []
+    every = [image for pair in images for image in (pair.left, pair.right)]
+    found_lines = iter(extract_many(every, epipolar_directions(calibration)))
     for pair, head in zip(images, calibration.heads, strict=True):
-        lines = [extract_light_lines(image) for image in (pair.left, pair.right)]
+        lines = [next(found_lines), next(found_lines)]
         for image, found, side in zip((pair.left, pair.right), lines, ("left", "right"), strict=True):
             if found is None or len(found.points) < settings.minimum_points // 4:
                 return _no_light(image, head, side)

@@ -58,7 +58,9 @@ def take_off_light_shift(table: Array, starts: Index, slope: Array, width: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shadow(table: Array, starts: Index, slope: Array, steepest: float, radius: float, size: Index) -> Mask:
+def shadow(
+    table: Array, starts: Index, slope: Array, steepest: float, radius: float, size: tuple[int, int]
+) -> Mask:
     """Pixels that a line disturbs: within `radius` of it, and beyond its ends where it may go on unseen.
 
     Parameters

@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Floats4 = tuple[float, float, float, float]
 
 #: Columns of a table of ridge points.
 X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
@@ -24,15 +23,20 @@ _MAX_PER_ROW = 192
 _BLOCK = 32
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def derivative_weights(sigma: float) -> NDArray[np.float32]:
-    """Weights (2M + 1,) of a derivative-of-Gaussian correlation, positive to the right, M = ⌈3σ⌉.
+    """Weights (M,) for 1 … M pixels to the right, M = ⌈3σ⌉, of a derivative-of-Gaussian correlation.
 
-    Their response to an image I(x) = a x is a: the unit is grey levels per pixel.
+    The weights to the left are their negatives. The response to an image I(x) = a x is a: the unit is grey
+    levels per pixel.
     """
     half = math.ceil(3.0 * sigma)
-    k = np.arange(-half, half + 1, dtype=np.float64)
-    weights = k * np.exp(-0.5 * (k / sigma) ** 2)
-    return (weights / float((weights * k).sum())).astype(np.float32)
+    weights = np.zeros(half)
+    total = 0.0
+    for k in range(1, half + 1):
+        weights[k - 1] = k * math.exp(-0.5 * (k / sigma) ** 2)
+        total += 2.0 * k * weights[k - 1]
+    return (weights / total).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -56,31 +60,41 @@ def _mark_lively(row: Any, contrast: float, lively: NDArray[np.bool_]) -> None:
     """Tell which blocks of a row swing by more than the contrast; noise alone does not."""
     width = row.size
     for block in range(lively.size):
-        first = block * _BLOCK
-        low, high = row[first], row[first]
-        for x in range(first, min(first + _BLOCK, width)):
-            value = row[x]
-            low = min(low, value)
-            high = max(high, value)
+        part = row[block * _BLOCK : min((block + 1) * _BLOCK, width)]
+        low, high = part[0], part[0]
+        for x in range(part.size):
+            low = min(low, part[x])
+            high = max(high, part[x])
         lively[block] = float(high) - float(low) >= contrast
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _responses(row: Any, i: int, weights: NDArray[np.float32], window: NDArray[np.float32]) -> Floats4:
-    """Responses at i − 1, i, i + 1, i + 2."""
-    size = weights.size
-    half = (size - 1) // 2
-    base = i - 1 - half
-    for k in range(size + 3):
-        window[k] = row[base + k]
-    a = b = c = d = np.float32(0.0)
-    for k in range(size):
+def _respond(
+    row: Any,
+    lo: int,
+    hi: int,
+    pad: int,
+    weights: NDArray[np.float32],
+    grey: NDArray[np.float32],
+    response: NDArray[np.float32],
+) -> None:
+    """Responses at lo … hi − 1 of a row, into `response`; the row from lo − pad on, into `grey`."""
+    count = hi - lo
+    source = row[lo - pad : hi + pad]
+    for k in range(source.size):
+        grey[k] = source[k]
+    # Slices, because an index that might be negative keeps the compiler from using vector instructions.
+    out = response[:count]
+    for k in range(weights.size):
         w = weights[k]
-        a += w * window[k]
-        b += w * window[k + 1]
-        c += w * window[k + 2]
-        d += w * window[k + 3]
-    return float(a), float(b), float(c), float(d)
+        ahead = grey[pad + k + 1 : pad + k + 1 + count]
+        behind = grey[pad - k - 1 : pad - k - 1 + count]
+        if k == 0:
+            for x in range(count):
+                out[x] = w * (ahead[x] - behind[x])
+        else:
+            for x in range(count):
+                out[x] += w * (ahead[x] - behind[x])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -94,7 +108,7 @@ def scan_rows(
     image
         (height, width), 8 or 16 bit.
     box
-        Half width of the box derivative that finds candidates, pixels; about 1.6 times the line's sigma.
+        Half the distance of the flanks from the ridge, pixels; about 1.6 times the line's sigma.
     weights
         Of `derivative_weights`.
     contrast
@@ -111,16 +125,17 @@ def scan_rows(
         (rows + 1,) first table row of each scanned image row.
     """
     height, width = image.shape
-    half = (weights.size - 1) // 2
-    margin = max(half + 3, 2 * box + 3)
+    half = weights.size
     flank = 2 * box
+    pad = max(half, flank + 2)
+    margin = pad + 1
     rows = (height + step - 1) // step
     starts = np.zeros(rows + 1, np.int64)
-    table = np.empty((1024, COLUMNS))
-    prefix = np.zeros(width + 1, np.int64)
+    table = np.empty((rows * _MAX_PER_ROW, COLUMNS))  # pages that stay unused cost nothing
     blocks = (width + _BLOCK - 1) // _BLOCK
     lively = np.zeros(blocks, np.bool_)
-    window = np.empty(weights.size + 3, np.float32)
+    grey = np.empty(width + 2 * pad, np.float32)
+    response = np.empty(width, np.float32)
     n = 0
     for j in range(rows):
         y = j * step
@@ -138,43 +153,29 @@ def scan_rows(
             # A ridge on the border of a lively stretch still needs its flanks.
             lo = max(margin, first - box)
             hi = min(width - margin, block * _BLOCK + box)
-            prefix[lo - flank - 2] = 0
-            for x in range(lo - flank - 2, hi + flank + 3):
-                prefix[x + 1] = prefix[x] + np.int64(row[x])
-            previous = np.int64(-1)
-            for x in range(lo, hi):
-                now = prefix[x + 1 + box] - prefix[x + 1] - prefix[x] + prefix[x - box]
-                turns = previous > 0 and now <= 0
-                previous = now
-                if not turns or found == _MAX_PER_ROW:
+            if hi - lo < 4:
+                continue
+            _respond(row, lo, hi, pad, weights, grey, response)
+            for x in range(1, hi - lo - 2):
+                b, c = response[x], response[x + 1]
+                if not (b > 0.0 and c <= 0.0) or found == _MAX_PER_ROW:
                     continue
-                i = x - 1
-                centre = float(prefix[i + 3] - prefix[i - 1]) / 4.0
-                left = float(prefix[i - flank + 2] - prefix[i - flank - 1]) / 3.0
-                right = float(prefix[i + flank + 3] - prefix[i + flank]) / 3.0
+                top = grey[x + pad - 1 : x + pad + 3]
+                centre = 0.25 * (top[0] + top[1] + top[2] + top[3])
+                flanks = grey[x + pad - flank - 1 : x + pad + flank + 3]
+                left = (flanks[0] + flanks[1] + flanks[2]) / 3.0
+                right = (flanks[2 * flank + 1] + flanks[2 * flank + 2] + flanks[2 * flank + 3]) / 3.0
                 if centre - max(left, right) < contrast:
                     continue
-                a, b, c, d = _responses(row, i, weights, window)
-                # The zero may lie one pixel aside of the box's.
-                if b <= 0.0:
-                    i -= 1
-                    a, b, c, d = _responses(row, i, weights, window)
-                elif c > 0.0:
-                    i += 1
-                    a, b, c, d = _responses(row, i, weights, window)
-                if b <= 0.0 or c > 0.0 or (found and table[n - 1, X] > i - 0.5):
-                    continue
-                if n == table.shape[0]:
-                    grown = np.empty((2 * n, COLUMNS))
-                    grown[:n] = table
-                    table = grown
-                slope = b - c
-                table[n, X] = i + _zero_of_cubic(a, b, c, d)
-                table[n, Y] = y
-                table[n, STRENGTH] = slope
-                table[n, LEVEL] = centre
+                a, d = response[x - 1], response[x + 2]
+                slope = float(b - c)
+                out = table[n]
+                out[X] = lo + x + _zero_of_cubic(float(a), float(b), float(c), float(d))
+                out[Y] = y
+                out[STRENGTH] = slope
+                out[LEVEL] = centre
                 # A Gaussian of height A has slope A/σ² at its top.
-                table[n, WIDTH2] = (centre - min(left, right)) / slope
+                out[WIDTH2] = (centre - min(left, right)) / slope
                 n += 1
                 found += 1
         starts[j + 1] = n

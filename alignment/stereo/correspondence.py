@@ -8,14 +8,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from alignment.imaging.lines import LightLines
+from alignment.imaging.lines import LEAST_SINE, LightLines
 from alignment.stereo.rectification import Rectification
 from alignment.values import HeadCalibration
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_FLATTEST = 0.25  # least sine of the angle between a line and the epipolar line it is matched on
 _BRIDGE_PX = 3.0  # longest gap of a right line that is interpolated over
 
 
@@ -195,7 +194,7 @@ def match_lines(
         frame.origin,
         frame.baseline,
         *depth_range,
-        _FLATTEST,
+        LEAST_SINE,
         _BRIDGE_PX / focal,
     )
     return Candidates(points, sigma, rays, left_point, left_line, right_point, offered)

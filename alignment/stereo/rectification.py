@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.distortion import unproject_pixel
+from alignment.values import RigCalibration
 
 Array = NDArray[np.float64]
 
@@ -78,3 +79,16 @@ def _rectify(pixels: Array, packed: Array, turn: Array) -> tuple[Array, int]:
         out[i, 1] = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) / z
         bad += not (ok and z > 0.0)
     return out, bad
+
+
+def epipolar_directions(calibration: RigCalibration) -> Array:
+    """Unit directions (2 × heads, 2) of the epipolar lines in the middle of each image, left before right."""
+    out = []
+    for head in calibration.heads:
+        base = head.right.rig_from_camera.translation - head.left.rig_from_camera.translation
+        for camera in head.cameras:
+            # The image of a step along the baseline from the point on the optical axis.
+            step = camera.rig_from_camera.rotation.T @ base
+            direction = np.array([step[0] * camera.model.fx, step[1] * camera.model.fy])
+            out.append(direction / max(float(np.linalg.norm(direction)), 1e-12))
+    return np.array(out)

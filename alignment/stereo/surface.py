@@ -15,7 +15,7 @@ _GATE = 25.0  # mm; a sidewall's relief about its mean plane, with room for the 
 _TILTS = (-0.12, 0.0, 0.12)  # start values of dz/dx and dz/dy
 _Z_STEP = 8.0
 _NEAR_BEST = 0.75  # a hypothesis this much worse than the best is not worth a fit
-_SAMPLES = 1500
+_SAMPLES = 400
 
 
 @dataclass(frozen=True, eq=False)

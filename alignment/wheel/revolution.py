@@ -7,7 +7,7 @@ weight (Tukey's biweight, scale from the median absolute deviation).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,10 @@ Index = NDArray[np.int64]
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 _TUKEY = 4.685
 _CENTRE_PRIOR = 30.0  # mm; keeps the axis position finite on a flat sidewall
+_STIFFNESS = 1e-4  # of the profile, relative to the points' weight
+_ROUGH_STEP = 8.0  # mm; knots of the first profile
+_FEWEST = 50
+_SETTLED = 2e-7  # radians, 0.0007′; the next step would be several times smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,23 +207,25 @@ class _State:
 
     frame: Array
     centre: Array
-    start: float
-    step: float
-    profile: Array
+    start: float = 0.0
+    step: float = 1.0
+    profile: Array = field(default_factory=lambda: np.zeros(4))
 
 
-def _respline(state: _State, radii: Array, heights: Array, weight: Array, step: float) -> None:
-    """Give the profile new knots over the radii that carry weight; its coefficients from local means."""
-    good = weight > 0
-    lo, hi = np.percentile(radii[good], [0.1, 99.9])
+def _respline(state: _State, data: _Data, step: float) -> None:
+    """Give the profile new knots over the radii that carry weight; its coefficients from local medians."""
+    good = data.tukey > 0
+    local = (data.points[good] - state.centre) @ state.frame.T
+    radii, heights = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
+    lo, hi = np.percentile(radii, [0.1, 99.9])
     count = max(4, int(np.ceil((hi - lo) / step)) + 3)
     state.start, state.step = float(lo), step
     edges = lo + step * (np.arange(count + 1) - 1.5)
-    which = np.clip(np.searchsorted(edges, radii[good]) - 1, 0, count - 1)
+    which = np.clip(np.searchsorted(edges, radii) - 1, 0, count - 1)
     order = np.argsort(which, kind="stable")
     bounds = np.searchsorted(which[order], np.arange(count + 1))
-    sorted_heights = heights[good][order]
-    centres = np.array([np.median(sorted_heights[a:b]) if b > a else np.nan for a, b in pairwise(bounds)])
+    heights = heights[order]
+    centres = np.array([np.median(heights[a:b]) if b > a else np.nan for a, b in pairwise(bounds)])
     known = np.isfinite(centres)
     state.profile = np.interp(np.arange(count), np.flatnonzero(known), centres[known])
 
@@ -232,8 +238,7 @@ def fit_revolution(
     normal: Array,
     centre: Array,
     *,
-    knot_steps: tuple[float, ...] = (8.0, 2.0),
-    iterations: int = 8,
+    knot_step: float = 2.0,
     scale_floor: float = 0.3,
 ) -> RevolutionFit:
     """Fit axis and profile to points on a wheel.
@@ -251,10 +256,8 @@ def fit_revolution(
         covariance is estimated between clusters (the sandwich of Liang and Zeger 1986).
     normal, centre
         Start values: outboard direction (3,) and a point near the axis (3,).
-    knot_steps
-        Knot distances of the profile, millimetres, coarse to fine.
-    iterations
-        Most Gauss–Newton steps at each knot distance.
+    knot_step
+        Knot distance of the profile, millimetres.
     scale_floor
         Least scale of the biweight in units of sigma.
 
@@ -263,108 +266,158 @@ def fit_revolution(
     DegenerateInputError
         When the points do not determine an axis.
     """
-    points = np.ascontiguousarray(points)
     n = len(points)
-    if n < 50:
-        raise DegenerateInputError(field="points", expected="at least 50 points", seen=str(n))
-    frame = _frame_of(np.asarray(normal, dtype=np.float64))
-    state = _State(frame, np.asarray(centre, dtype=np.float64).copy(), 0.0, 1.0, np.zeros(4))
-    values, gain, first = np.zeros(n), np.ones(n), np.zeros(n, np.int64)
-    jacobian = np.zeros((n, 8))
-    tukey = np.ones(n)
-    for stage, step in enumerate(knot_steps):
-        local = (points - state.centre) @ state.frame.T
-        _respline(state, np.hypot(local[:, 0], local[:, 1]), local[:, 2], tukey, step)
+    if n < _FEWEST:
+        raise DegenerateInputError(field="points", expected=f"at least {_FEWEST} points", seen=str(n))
+    state = _State(_frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
+    # A rough profile on few points first, then the fine one, at last on all points.
+    for thin, step, first_cut, iterations, settled in (
+        (max(1, n // 2000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
+        (max(1, n // 4000), knot_step, 1.0, 6, 20.0 * _SETTLED),
+        (1, 0.0, 1.0, 6, _SETTLED),
+    ):
+        data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
+        if step:
+            _respline(state, data, step)
         before = np.inf
         for iteration in range(iterations):
-            weight, scale = _weigh(
-                points, rays, sigma, state, values, gain, jacobian, first, tukey,
-                _TUKEY if stage or iteration > 2 else 2.0 * _TUKEY, scale_floor,
-            )  # fmt: skip
-            delta = _step(state, values, weight, jacobian, first)
-            if np.abs(delta[:2]).max() < 2e-8 and abs(scale - before) < 1e-3 * scale:
+            scale = data.weigh(state, _TUKEY * (first_cut if iteration < 3 else 1.0), scale_floor)
+            delta = _step(state, data)
+            if np.abs(delta[:2]).max() < settled and abs(scale - before) < 0.01 * scale:
                 break
             before = scale
-    weight, scale = _weigh(
-        points, rays, sigma, state, values, gain, jacobian, first, tukey, _TUKEY, scale_floor
-    )
-    matrix, _ = _system(state, values, weight, jacobian, first)
-    inverse = np.linalg.inv(matrix)
-    clusters = int(cluster.max()) + 1
-    gradients = _cluster_gradients(values, weight, jacobian, first, cluster, clusters, len(matrix))
-    half = gradients @ inverse[:, :2]
-    used = len(np.unique(cluster[weight > 0]))
-    # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
-    u2 = np.where(tukey > 0.0, 1.0 - np.sqrt(tukey), 1.0)
-    information = float((np.sqrt(tukey) * (1.0 - 5.0 * u2)).sum() / tukey.sum())
-    # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
-    freedom = used / max(used - len(matrix), 0.2 * used)
-    covariance = half.T @ half * freedom / max(information, 0.3) ** 2
-    residuals = np.where(first >= 0, values, np.nan)
+    scale = data.weigh(state, _TUKEY, scale_floor)
     return RevolutionFit(
         normal=state.frame[2],
         centre=state.centre,
         knots_start=state.start,
         knots_step=state.step,
         profile=state.profile,
-        weights=np.where(first >= 0, tukey, 0.0),
-        residuals=residuals,
+        weights=data.tukey,
+        residuals=np.where(data.first >= 0, data.values, np.nan),
         scale=scale,
-        covariance=covariance,
+        covariance=_tilt_covariance(state, data, cluster),
         tilt_axes=state.frame[:2],
     )
 
 
+def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
+    """(2, 2) covariance of the two tilts, by the sandwich over clusters."""
+    matrix, _ = _system(state, data)
+    inverse = np.linalg.inv(matrix)
+    gradients = _cluster_gradients(
+        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, len(matrix)
+    )
+    half = gradients @ inverse[:, :2]
+    used = len(np.unique(cluster[data.weight > 0]))
+    # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
+    root = np.sqrt(data.tukey)
+    information = float((root * (5.0 * root - 4.0))[root > 0].sum() / data.tukey.sum())
+    # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
+    freedom = used / max(used - len(matrix), 0.2 * used)
+    covariance: Array = half.T @ half * freedom / max(information, 0.3) ** 2
+    return covariance
+
+
+@dataclass(eq=False)
+class _Data:
+    """Points of one stage and what the working point makes of them: residuals, derivatives, weights."""
+
+    points: Array
+    sigma: Array
+    rays: Array
+    values: Array
+    gain: Array
+    first: Index
+    jacobian: Array
+    tukey: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, points: Array, sigma: Array, rays: Array) -> _Data:
+        n = len(points)
+        return cls(
+            np.ascontiguousarray(points),
+            np.ascontiguousarray(sigma),
+            np.ascontiguousarray(rays),
+            np.zeros(n),
+            np.ones(n),
+            np.zeros(n, np.int64),
+            np.zeros((n, 8)),
+            np.ones(n),
+            np.ones(n),
+        )
+
+    def weigh(self, state: _State, cut: float, floor: float) -> float:
+        """Residuals, derivatives and weights at the working point; returns the robust scale."""
+        _rows(
+            self.points, self.rays, state.centre, state.frame, state.start, state.step, state.profile,
+            self.values, self.gain, self.jacobian, self.first,
+        )  # fmt: skip
+        scale = _weigh(self.values, self.sigma, self.gain, self.first, cut, floor, self.tukey, self.weight)
+        if scale < 0.0:
+            raise DegenerateInputError(
+                field="points",
+                expected="points around one axis",
+                seen=f"fewer than {_FEWEST} within the profile",
+            )
+        return float(scale)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _weigh(
-    points: Array,
-    rays: Array,
-    sigma: Array,
-    state: _State,
     values: Array,
+    sigma: Array,
     gain: Array,
-    jacobian: Array,
     first: Index,
-    tukey: Array,
     cut: float,
     floor: float,
-) -> tuple[Array, float]:
-    """Residuals and derivatives at the working point, into the given arrays; weights and robust scale."""
-    _rows(
-        points, rays, state.centre, state.frame, state.start, state.step, state.profile,
-        values, gain, jacobian, first,
-    )  # fmt: skip
-    inside = first >= 0
-    if inside.sum() < 50:
-        raise DegenerateInputError(
-            field="points", expected="points around one axis", seen="fewer than 50 within the profile"
-        )
-    deviation = sigma * np.maximum(gain, 0.1)
-    ratio = values / deviation
-    scale = max(1.4826 * float(np.median(np.abs(ratio[inside]))), floor)
-    u = np.minimum(np.abs(ratio) / (cut * scale), 1.0)
-    tukey[:] = np.where(inside, (1.0 - u * u) ** 2, 0.0)
-    return tukey / (scale * deviation) ** 2, scale
+    tukey: Array,
+    weight: Array,
+) -> float:
+    """Tukey's weights and the weights of the normal equations; returns the scale, −1 for too few points."""
+    n = values.size
+    ratio = np.empty(n)
+    inside = 0
+    for i in range(n):
+        if first[i] >= 0:
+            weight[i] = sigma[i] * max(gain[i], 0.1)
+            ratio[inside] = abs(values[i]) / weight[i]
+            inside += 1
+    if inside < _FEWEST:
+        return -1.0
+    thin = max(1, inside // 4000)
+    scale = max(1.4826 * np.median(ratio[:inside:thin]), floor)
+    for i in range(n):
+        tukey[i] = 0.0
+        deviation, weight[i] = weight[i], 0.0
+        if first[i] >= 0:
+            u = values[i] / (deviation * cut * scale)
+            if abs(u) < 1.0:
+                tukey[i] = (1.0 - u * u) ** 2
+                weight[i] = tukey[i] / (scale * deviation) ** 2
+    return scale
 
 
-def _system(
-    state: _State, values: Array, weight: Array, jacobian: Array, first: Index
-) -> tuple[Array, Array]:
+def _system(state: _State, data: _Data) -> tuple[Array, Array]:
     """Normal equations with a weak prior on the axis position and a weak pull to a smooth profile."""
     size = AXIS + len(state.profile)
-    matrix, vector = _normal_equations(values, weight, jacobian, first, size)
+    matrix: Array
+    vector: Array
+    matrix, vector = _normal_equations(data.values, data.weight, data.jacobian, data.first, size)
     matrix[2, 2] += _CENTRE_PRIOR**-2
     matrix[3, 3] += _CENTRE_PRIOR**-2
     profile = slice(AXIS, size)
     second = np.diff(np.eye(len(state.profile)), 2, axis=0)
-    stiffness = 1e-4 * float(np.trace(matrix[profile, profile])) / len(state.profile) + 1e-12
+    stiffness = _STIFFNESS * float(np.trace(matrix[profile, profile])) / len(state.profile) + 1e-12
     matrix[profile, profile] += stiffness * second.T @ second
     vector[profile] -= stiffness * second.T @ (second @ state.profile)
     return matrix, vector
 
 
-def _step(state: _State, values: Array, weight: Array, jacobian: Array, first: Index) -> Array:
+def _step(state: _State, data: _Data) -> Array:
     """One Gauss–Newton step of the working point; returns the change of the unknowns."""
-    matrix, vector = _system(state, values, weight, jacobian, first)
+    matrix, vector = _system(state, data)
     try:
         delta: Array = cho_solve(cho_factor(matrix), vector)
     except np.linalg.LinAlgError as error:
