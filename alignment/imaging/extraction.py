@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import config, njit, prange
 from numpy.typing import NDArray
 
 from alignment.imaging import chains, ridges
@@ -15,6 +15,10 @@ from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+# OpenMP first: several threads of the station may call at once, which numba's own layer forbids, and other
+# libraries bring versions of TBB that numba warns about.
+config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
 #: Columns of the point table: place, unit tangent, deviation across the line, strength.
 POINT_X, POINT_Y, TANGENT_X, TANGENT_Y, SIGMA, POINT_STRENGTH = range(6)
