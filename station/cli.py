@@ -16,6 +16,7 @@ from station.commands.database import db_app
 from station.commands.demo import demo
 from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
+from station.commands.plate import simulate_plate_session_command
 
 app = typer.Typer(
     name="truewheel",
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(wheel.measure)
+wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(line_app, name="line")
 app.add_typer(db_app, name="db")
@@ -58,7 +60,9 @@ def run(
 
 @app.command()
 def schema(
-    name: Annotated[str, typer.Argument(help="shot, calibration, truth, station, vehicle-type, simulation.")],
+    name: Annotated[
+        str, typer.Argument(help="shot, calibration, plate, plate-session, …; another name lists all.")
+    ],
 ) -> None:
     """Print the JSON schema of a file that this program reads."""
     from station.schemas import schema_of

@@ -20,6 +20,7 @@ from sensors.formats.plate_session import (
     read_plate_session,
     write_plate_session,
 )
+from sensors.formats.plate_truth import PlateTruth, PlateTruthFile, read_plate_truth, write_plate_truth
 from sensors.formats.shot import ShotFile, check_shot_matches, read_shot, write_shot
 from sensors.formats.truth import TruthFile, WheelTruth, read_truth, write_truth
 
@@ -30,6 +31,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "plate": PlateFile,
     "plate-session": PlateSessionFile,
     "gauge-frame": GaugeFrameFile,
+    "plate-truth": PlateTruthFile,
 }
 
 __all__ = [
@@ -41,6 +43,8 @@ __all__ = [
     "PlateFile",
     "PlateSession",
     "PlateSessionFile",
+    "PlateTruth",
+    "PlateTruthFile",
     "SessionView",
     "ShotFile",
     "TruthFile",
@@ -52,11 +56,13 @@ __all__ = [
     "read_image",
     "read_plate",
     "read_plate_session",
+    "read_plate_truth",
     "read_shot",
     "read_truth",
     "write_calibration",
     "write_image",
     "write_plate_session",
+    "write_plate_truth",
     "write_shot",
     "write_truth",
 ]
