@@ -18,7 +18,7 @@ Index = NDArray[np.int64]
 
 # OpenMP first: several threads of the station may call at once, which numba's own layer forbids, and other
 # libraries bring versions of TBB that numba warns about.
-config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # type: ignore[attr-defined]
 
 #: Columns of the point table: place, unit tangent, deviation across the line, strength.
 POINT_X, POINT_Y, TANGENT_X, TANGENT_Y, SIGMA, POINT_STRENGTH = range(6)
