@@ -1,0 +1,430 @@
+"""Fits a blurred ellipse to the grey levels of each mark: the centre, and its covariance from the residuals.
+
+The model of a full mark is I(p) = G(p) + (M − G(p)) Φ(−z), G(p) the ground's light, a plane, M the mark's
+level, and z = (d + ½ κ σ²)/σ with d the distance of p from the ellipse, outward positive, σ the blur and κ
+the ellipse's curvature there: a blurred convex edge moves inward by ½ κ σ². A ring mark has a second, similar
+ellipse with its own centre, within which the ground shows. All parameters are fitted by Gauss–Newton with
+damping to all pixels around the outline, those far from the model weighted down (Huber).
+
+Distances are those of first order, (ρ² − ρ)/|Uᵀ U p| with ρ = |U p|: exact for circles, and even about the
+centre for ellipses, so that they do not move it. Integration over the pixel's square is part of the blur: it
+has the variance 1/12 pixel² in every direction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Parameters: centre, factor U (u11, u12, u22), blur, mark, ground, its slope over x and y; middle: ratio,
+#: offset.
+CX, CY, A, B, C, BLUR, MARK, GROUND, SLOPE_X, SLOPE_Y, RATIO, OFFSET_X, OFFSET_Y = range(13)
+FULL, RING = 10, 13
+#: Columns of the answer after the parameters: variances xx, xy, yy; RMS residual; pixels; steps (0 = failed).
+VXX, VXY, VYY, RMS, PIXELS, STEPS = range(13, 19)
+COLUMNS = 19
+
+_HALF = math.sqrt(0.5)
+_DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
+_STEPS = 25
+_CONVERGED = 2e-3  # pixels that the centre still moves; the axes and the blur ten times as much
+_HUBER = 4.0  # residuals beyond this many RMS weigh less
+_SETTLED = 3  # steps after which the clipping of residuals no longer changes
+_FAR = 3.8  # blurs from the edge where its share is 0 or 1 to 1e-4
+_INSIDE = 4.0  # pixels of the mark's own area that are used
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _edge(px: float, py: float, a: float, b: float, c: float, blur: float, out: Array) -> tuple[float, float]:
+    """Share of the ellipse's inside at a place relative to its centre, and the share's derivative by z.
+
+    `out` takes the derivatives of z by the centre (x, y), a, b, c and the blur; zeros where the edge is far.
+    """
+    u0, u1 = a * px + b * py, c * py
+    s = u0 * u0 + u1 * u1
+    w0, w1 = a * u0, b * u0 + c * u1
+    h2 = w0 * w0 + w1 * w1
+    if s < 0.0025 or h2 < 1e-24:
+        out[:] = 0.0
+        return 1.0, 0.0
+    rho = math.sqrt(s)
+    ih = 1.0 / math.sqrt(h2)
+    ib = 1.0 / blur
+    d = (s - rho) * ih
+    bent = a * c * ih
+    half_curvature = 0.5 * bent * bent * ih * s * rho
+    z = d * ib + half_curvature * blur
+    if abs(z) > _FAR:
+        out[:] = 0.0
+        return (0.0 if z > 0.0 else 1.0), 0.0
+    inside = 0.5 * math.erfc(z * _HALF)
+    density = _DENSITY * math.exp(-0.5 * z * z)
+    # z = (ρ² − ρ)/(h σ) + …: dz = f u·du − g w·dw with w = Uᵀ u.
+    f = (2.0 - rho / s) * ih * ib
+    g = d * ib * ih * ih
+    fu0, fu1, gw0, gw1 = f * u0, f * u1, g * w0, g * w1
+    v0 = fu0 - gw0 * a - gw1 * b
+    v1 = fu1 - gw1 * c
+    out[0] = -a * v0
+    out[1] = -b * v0 - c * v1
+    out[2] = px * v0 - gw0 * u0
+    out[3] = py * v0 - gw1 * u0
+    out[4] = py * v1 - gw1 * u1
+    out[5] = half_curvature - d * ib * ib
+    return inside, -density
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _row(px: float, py: float, p: Array, ring: bool, scale: float, j: Array, dz: Array) -> float:
+    """Model at a place relative to the centre, and its derivatives by all parameters in `j`."""
+    ground = p[GROUND] + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
+    step = p[MARK] - ground
+    share, change = _edge(px, py, p[A], p[B], p[C], p[BLUR], dz)
+    weight = step * change
+    for k in range(6):
+        j[k] = weight * dz[k]
+    if ring:
+        ratio = p[RATIO]
+        middle, change = _edge(
+            px - p[OFFSET_X], py - p[OFFSET_Y], p[A] / ratio, p[B] / ratio, p[C] / ratio, p[BLUR], dz
+        )
+        share -= middle
+        weight = -step * change
+        j[CX] += weight * dz[0]
+        j[CY] += weight * dz[1]
+        j[A] += weight * dz[2] / ratio
+        j[B] += weight * dz[3] / ratio
+        j[C] += weight * dz[4] / ratio
+        j[BLUR] += weight * dz[5]
+        j[RATIO] = -weight * (dz[2] * p[A] + dz[3] * p[B] + dz[4] * p[C]) / (ratio * ratio)
+        j[OFFSET_X] = weight * dz[0]
+        j[OFFSET_Y] = weight * dz[1]
+    bare = 1.0 - share
+    j[CX] -= bare * p[SLOPE_X] * scale
+    j[CY] -= bare * p[SLOPE_Y] * scale
+    j[MARK] = share
+    j[GROUND] = bare
+    j[SLOPE_X] = bare * px * scale
+    j[SLOPE_Y] = bare * py * scale
+    return float(ground + step * share)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _normal_equations(
+    image: Any,
+    p: Array,
+    size: int,
+    window: tuple[int, int, int, int],
+    band: tuple[float, float, float, float],
+    clip: float,
+    n: Array,
+    g: Array,
+) -> tuple[float, float, int]:
+    """Fill normal matrix (its lower half) and gradient; weighted cost, sum of squares, pixels used."""
+    j, dz = np.zeros(RING), np.zeros(6)
+    n[:] = 0.0
+    g[:] = 0.0
+    cost = squares = 0.0
+    used = 0
+    a, b, c = p[A], p[B], p[C]
+    scale = math.sqrt(abs(a * c))
+    ring = size == RING
+    x0, x1, y0, y1 = window
+    for y in range(y0, y1):
+        py = y - p[CY]
+        for x in range(x0, x1):
+            px = x - p[CX]
+            u0, u1 = a * px + b * py, c * py
+            s = u0 * u0 + u1 * u1
+            if s > band[3] or (s < band[0] and not ring):
+                continue
+            edge = False
+            if s > band[2]:
+                model = p[GROUND] + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
+            elif s < band[1] and not ring:
+                model = p[MARK]
+            else:
+                model = _row(px, py, p, ring, scale, j, dz)
+                edge = True
+            r = float(image[y, x]) - model
+            far = abs(r)
+            weight = 1.0
+            if far > clip:
+                weight = clip / far
+                cost += clip * (2.0 * far - clip)
+            else:
+                cost += r * r
+            squares += weight * r * r
+            used += 1
+            if not edge:
+                if s < 1.0:
+                    g[MARK] += weight * r
+                    n[MARK, MARK] += weight
+                else:
+                    wx, wy = weight * px * scale, weight * py * scale
+                    g[GROUND] += weight * r
+                    g[SLOPE_X] += wx * r
+                    g[SLOPE_Y] += wy * r
+                    n[GROUND, GROUND] += weight
+                    n[SLOPE_X, GROUND] += wx
+                    n[SLOPE_Y, GROUND] += wy
+                    n[SLOPE_X, SLOPE_X] += wx * px * scale
+                    n[SLOPE_Y, SLOPE_X] += wy * px * scale
+                    n[SLOPE_Y, SLOPE_Y] += wy * py * scale
+            elif ring:
+                for k in range(RING):
+                    wj = weight * j[k]
+                    g[k] += wj * r
+                    for m in range(RING):
+                        n[k, m] += wj * j[m]
+            else:  # constant bounds: twice the speed
+                for k in range(FULL):
+                    wj = weight * j[k]
+                    g[k] += wj * r
+                    for m in range(FULL):
+                        n[k, m] += wj * j[m]
+    return cost, squares, used
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(n: Array, g: Array, size: int, damping: float, low: Array, step: Array) -> bool:
+    """Solve the damped normal equations by Cholesky; False when they have no solution."""
+    for k in range(size):
+        for m in range(k + 1):
+            total = n[k, m]
+            if k == m:
+                total *= 1.0 + damping
+            for i in range(m):
+                total -= low[k, i] * low[m, i]
+            if k == m:
+                if not total > 1e-12 * n[k, k]:
+                    return False
+                low[k, k] = math.sqrt(total)
+            else:
+                low[k, m] = total / low[m, m]
+    for k in range(size):
+        total = g[k]
+        for i in range(k):
+            total -= low[k, i] * step[i]
+        step[k] = total / low[k, k]
+    for k in range(size - 1, -1, -1):
+        total = step[k]
+        for i in range(k + 1, size):
+            total -= low[i, k] * step[i]
+        step[k] = total / low[k, k]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _centre_covariance(
+    image: Any,
+    p: Array,
+    size: int,
+    window: tuple[int, int, int, int],
+    band: tuple[float, float, float, float],
+    clip: float,
+    low: Array,
+    answer: Array,
+) -> None:
+    """Covariance of the centre from the residual of every pixel and what the centre owes to it (sandwich)."""
+    rows, unit, solved = np.zeros((2, RING)), np.zeros(RING), np.zeros(RING)
+    for k in range(2):
+        unit[:] = 0.0
+        unit[k] = 1.0
+        for i in range(size):
+            total = unit[i]
+            for m in range(i):
+                total -= low[i, m] * solved[m]
+            solved[i] = total / low[i, i]
+        for i in range(size - 1, -1, -1):
+            total = solved[i]
+            for m in range(i + 1, size):
+                total -= low[m, i] * solved[m]
+            solved[i] = total / low[i, i]
+        rows[k, :size] = solved[:size]
+    j, dz = np.zeros(RING), np.zeros(6)
+    a, b, c = p[A], p[B], p[C]
+    scale = math.sqrt(abs(a * c))
+    ring = size == RING
+    xx = xy = yy = 0.0
+    x0, x1, y0, y1 = window
+    for y in range(y0, y1):
+        py = y - p[CY]
+        for x in range(x0, x1):
+            px = x - p[CX]
+            u0, u1 = a * px + b * py, c * py
+            s = u0 * u0 + u1 * u1
+            if s > band[3] or (s < band[0] and not ring):
+                continue
+            r = float(image[y, x]) - _row(px, py, p, ring, scale, j, dz)
+            r = min(max(r, -clip), clip)
+            ex = ey = 0.0
+            for k in range(size):
+                ex += rows[0, k] * j[k]
+                ey += rows[1, k] * j[k]
+            xx += ex * ex * r * r
+            xy += ex * ey * r * r
+            yy += ey * ey * r * r
+    answer[VXX], answer[VXY], answer[VYY] = xx, xy, yy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sensible(p: Array, start: Array, size: int) -> bool:
+    """Tell whether parameters still describe the mark that the fit began with."""
+    if not (p[BLUR] > 0.05 and p[A] > 0.0 and p[C] > 0.0):
+        return False
+    grown = (start[A] * start[C]) / (p[A] * p[C])
+    if not 0.4 < grown < 2.5:
+        return False
+    limit = 0.6 / math.sqrt(start[A] * start[C])
+    if math.hypot(p[CX] - start[CX], p[CY] - start[CY]) > limit:
+        return False
+    return size == FULL or 0.02 < p[RATIO] < 0.98
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_ellipses(image: Any, start: Array, ring: NDArray[np.bool_], noise: float) -> Array:
+    """Fit the model to each mark.
+
+    Parameters
+    ----------
+    image
+        (height, width), 8 or 16 bit.
+    start
+        (N, 13) parameters to begin with; the last three matter for ring marks only.
+    ring
+        (N,) True for ring marks.
+    noise
+        Standard deviation of the image's noise, grey levels: the least residual that counts as far.
+
+    Returns
+    -------
+    (N, 19) parameters, variances of the centre (xx, xy, yy; pixels²), RMS residual (grey levels), pixels
+    used, steps. No steps: the fit did not converge.
+    """
+    height, width = image.shape
+    count = start.shape[0]
+    answer = np.zeros((count, COLUMNS))
+    n, low = np.zeros((RING, RING)), np.zeros((RING, RING))
+    g, step = np.zeros(RING), np.zeros(RING)
+    for i in range(count):
+        size = RING if ring[i] else FULL
+        p = start[i].copy()
+        radius = 1.0 / math.sqrt(p[A] * p[C])
+        outside = max(min(max(0.4 * radius, 4.0), 8.0), 3.0 * p[BLUR])
+        inside = max(_INSIDE, 3.0 * p[BLUR])
+        # Half axes: eigenvalues of UᵀU.
+        trace, det = p[A] ** 2 + p[B] ** 2 + p[C] ** 2, (p[A] * p[C]) ** 2
+        root = math.sqrt(max(trace * trace - 4.0 * det, 0.0))
+        minor, major = math.sqrt(2.0 / (trace + root)), math.sqrt(2.0 / max(trace - root, 1e-12))
+        reach = (1.0 + outside / minor) ** 2
+        core = max(1.0 - inside / minor, 0.0) ** 2
+        away = (_FAR * p[BLUR] + 0.5) / minor
+        band = (core, max(1.0 - away, 0.0) ** 2, (1.0 + away) ** 2, reach)
+        half = math.ceil(major * (1.0 + outside / minor)) + 1
+        x0, x1 = max(int(p[CX]) - half, 0), min(int(p[CX]) + half + 2, width)
+        y0, y1 = max(int(p[CY]) - half, 0), min(int(p[CY]) + half + 2, height)
+        window = (x0, x1, y0, y1)
+        clip = 1e30
+        damping = 1e-6
+        cost, squares, used = _normal_equations(image, p, size, window, band, clip, n, g)
+        steps = 0
+        done = False
+        for _ in range(_STEPS):
+            if used < 3 * size or not _solve(n, g, size, damping, low, step):
+                break
+            trial = p.copy()
+            for k in range(size):
+                trial[k] += step[k]
+            moved = math.hypot(step[CX], step[CY])
+            grown = radius * (abs(step[A]) / p[A] + abs(step[C]) / p[C] + abs(step[B]) * radius)
+            ok = _sensible(trial, start[i], size)
+            if ok and moved < _CONVERGED and grown + abs(step[BLUR]) < 10.0 * _CONVERGED:
+                p = trial
+                done = True
+                steps += 1
+                break
+            if ok:
+                before = cost
+                # The clip follows the residuals down, so that a dirty spot stops pulling; then it must stay,
+                # or the fit would chase it.
+                if steps < _SETTLED:
+                    clip = _HUBER * max(math.sqrt(squares / used), noise)
+                    before = math.inf
+                cost, squares, used = _normal_equations(image, trial, size, window, band, clip, n, g)
+                ok = cost <= before * (1.0 + 1e-6)
+            if ok:
+                p = trial
+                steps += 1
+                damping = max(damping * 0.1, 1e-9)
+            else:
+                damping = max(damping * 10.0, 1e-3)
+                cost, squares, used = _normal_equations(image, p, size, window, band, clip, n, g)
+        answer[i, :RING] = p
+        if done:
+            _centre_covariance(image, p, size, window, band, clip, low, answer[i])
+            answer[i, RMS] = math.sqrt(squares / max(used - size, 1))
+            answer[i, PIXELS] = used
+            answer[i, STEPS] = steps
+    return answer
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at(image: Any, x: float, y: float) -> float:
+    """Grey level between pixels, bilinear; the border's level beyond it."""
+    height, width = image.shape
+    x, y = min(max(x, 0.0), width - 1.001), min(max(y, 0.0), height - 1.001)
+    i, j = int(x), int(y)
+    s, t = x - i, y - j
+    return float(
+        (1.0 - t) * ((1.0 - s) * image[j, i] + s * image[j, i + 1])
+        + t * ((1.0 - s) * image[j + 1, i] + s * image[j + 1, i + 1])
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_values(image: Any, points: Array, factor: Array, hole: Array) -> Array:
+    """Start parameters (N, 13) from rough centres (N, 2), factors U (N, 2, 2) and holes (N,).
+
+    Levels are read well inside and outside of the outline, the blur from the steepest step on eight rays.
+    """
+    count = points.shape[0]
+    start = np.zeros((count, RING))
+    for i in range(count):
+        a, b, c = factor[i, 0, 0], factor[i, 0, 1], factor[i, 1, 1]
+        cx, cy = points[i, 0], points[i, 1]
+        radius = 1.0 / math.sqrt(a * c)
+        # The middle of the dark part: between hole and outline.
+        place = 0.5 * (1.0 + hole[i]) if hole[i] > 0.0 else 0.4
+        mark = ground = steepest = 0.0
+        for k in range(8):
+            angle = 2.0 * math.pi * k / 8.0
+            # U⁻¹ (cos, sin): a point of the outline relative to the centre.
+            vy = math.sin(angle) / c
+            vx = (math.cos(angle) - b * vy) / a
+            length = math.hypot(vx, vy)
+            ex, ey = vx / length, vy / length
+            mark += _at(image, cx + place * vx, cy + place * vy) / 8.0
+            ground += _at(image, cx + vx + 4.0 * ex, cy + vy + 4.0 * ey) / 8.0
+            best = 0.0
+            for m in range(-6, 7):
+                t = 0.5 * m
+                before = _at(image, cx + vx + (t - 0.5) * ex, cy + vy + (t - 0.5) * ey)
+                after = _at(image, cx + vx + (t + 0.5) * ex, cy + vy + (t + 0.5) * ey)
+                best = max(best, abs(after - before))
+            steepest += best / 8.0
+        # The difference over one pixel and the interpolation have blurred the step themselves.
+        seen = _DENSITY * abs(ground - mark) / max(steepest, 1e-9)
+        blur = math.sqrt(max(seen * seen - 1.0 / 6.0, 0.1))
+        start[i, CX], start[i, CY] = cx, cy
+        start[i, A], start[i, B], start[i, C] = a, b, c
+        start[i, BLUR] = min(blur, 0.3 * radius + 0.4)
+        start[i, MARK], start[i, GROUND] = mark, ground
+        start[i, RATIO] = hole[i] if hole[i] > 0.0 else 0.5
+    return start

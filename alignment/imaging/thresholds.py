@@ -1,0 +1,189 @@
+"""Thresholds that part dark marks from their bright ground, by name.
+
+Each takes an image (height, width) of 8 or 16 bit and gives the grey level below which a pixel is dark: a
+number, or for a regional method an array (height, width). A flat image has no threshold: the answer is then
+its own grey level, so that nothing is below it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage import filters as _filters
+
+from alignment.values import Image
+
+filters: Any = _filters  # without types of its own
+Array = NDArray[np.float64]
+Threshold = Callable[[Image], "float | Array"]
+
+_BINS = 256
+_FULL_MARK = math.pi / 16.0  # dark fraction of a window four radii wide around a full mark
+_REGION = 64  # side of a Chow–Kaneko window, pixels; windows overlap by half
+_VALLEY_DEPTH = 0.8  # largest ratio of valley to lower peak in a bimodal window
+
+
+def histogram(image: Image) -> tuple[Array, Array]:
+    """Counts and middles (256,) of the grey levels of an image between its lowest and highest."""
+    low, high = float(image.min()), float(image.max())
+    counts, edges = np.histogram(image, bins=_BINS, range=(low - 0.5, max(high, low + 1.0) + 0.5))
+    return counts.astype(np.float64), 0.5 * (edges[:-1] + edges[1:])
+
+
+def p_tile(image: Image, fraction: float = _FULL_MARK) -> float:
+    """Level that the given fraction of the pixels is below, between grey levels where it needs to be."""
+    if not image.size:
+        return 0.0
+    values = np.bincount(image.ravel())
+    total = np.cumsum(values)
+    target = fraction * image.size
+    level = int(np.searchsorted(total, target))
+    below = float(total[level - 1]) if level else 0.0
+    return level + (target - below) / max(float(values[level]), 1.0)
+
+
+def valley(image: Image) -> float:
+    """Lowest place between the two peaks of the histogram, smoothed until it has two (Prewitt–Mendelsohn)."""
+    try:
+        return float(filters.threshold_minimum(image))
+    except RuntimeError:  # scikit-image's word for a histogram that never shows two peaks
+        return otsu(image)
+
+
+def edge_pixels(image: Image) -> float:
+    """Mean grey level at the edges, weighted by their steepness (Katz): half-way between both sides."""
+    smooth = image.astype(np.float32)
+    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    # The square keeps the noise of large even parts from drowning the few edge pixels.
+    weight = (gx * gx + gy * gy).astype(np.float64)
+    total = float(weight.sum())
+    return float((weight * image).sum()) / total if total > 0.0 else float(image.min())
+
+
+def iterative(image: Image) -> float:
+    """Middle of the means of both sides, repeated until it stays (Ridler–Calvard)."""
+    if image.min() == image.max():
+        return float(image.min())
+    return float(np.min(filters.threshold_isodata(image)))
+
+
+def otsu(image: Image) -> float:
+    """Largest variance between the classes (Otsu)."""
+    if image.min() == image.max():
+        return float(image.min())
+    level, _ = cv2.threshold(image, 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    return float(level) + 1.0  # OpenCV counts the level itself as dark
+
+
+def entropy(image: Image) -> float:
+    """Largest sum of the entropies of both sides' histograms (Kapur, Sahoo, Wong)."""
+    counts, middles = histogram(image)
+    p = counts / counts.sum()
+    plogp = np.where(p > 0.0, p * np.log(np.maximum(p, 1e-300)), 0.0)
+    below, entropy_below = np.cumsum(p)[:-1], -np.cumsum(plogp)[:-1]
+    above, entropy_above = 1.0 - below, -plogp.sum() - entropy_below
+    valid = (below > 1e-9) & (above > 1e-9)
+    if not valid.any():
+        return float(image.min())
+    b, a = np.where(valid, below, 1.0), np.where(valid, above, 1.0)
+    total = np.log(b) + entropy_below / b + np.log(a) + entropy_above / a
+    k = int(np.argmax(np.where(valid, total, -np.inf)))
+    return float(0.5 * (middles[k] + middles[k + 1]))
+
+
+def minimum_error(image: Image) -> float:
+    """Least error of two normal distributions fitted to both sides (Kittler–Illingworth)."""
+    counts, middles = histogram(image)
+    p = counts / counts.sum()
+    below = np.cumsum(p)[:-1]
+    above = 1.0 - below
+    first, second = np.cumsum(p * middles)[:-1], np.cumsum(p * middles**2)[:-1]
+    rest_first, rest_second = (p * middles).sum() - first, (p * middles**2).sum() - second
+    valid = (below > 1e-4) & (above > 1e-4)
+    if not valid.any():
+        return float(image.min())
+    b, a = np.where(valid, below, 0.5), np.where(valid, above, 0.5)
+    step = float(middles[1] - middles[0])
+    # One grey level has the variance step²/12: without it a class of a single level would win with −∞.
+    var_b = np.maximum(second / b - (first / b) ** 2, 0.0) + step**2 / 12.0
+    var_a = np.maximum(rest_second / a - (rest_first / a) ** 2, 0.0) + step**2 / 12.0
+    cost = b * np.log(var_b) + a * np.log(var_a) - 2.0 * (b * np.log(b) + a * np.log(a))
+    k = int(np.argmin(np.where(valid, cost, np.inf)))
+    return float(0.5 * (middles[k] + middles[k + 1]))
+
+
+def chow_kaneko(image: Image) -> Array:
+    """Regional threshold (height, width): windows with two classes vote, the others follow (Chow–Kaneko).
+
+    In half-overlapping windows two normal distributions are fitted to the histogram; where it is bimodal
+    their crossing is the window's threshold. Windows without one take it from their neighbours, weighted by
+    the distance, and every pixel from the windows around it, bilinearly.
+    """
+    height, width = image.shape
+    rows = max(1, math.ceil(height / (_REGION // 2)) - 1)
+    columns = max(1, math.ceil(width / (_REGION // 2)) - 1)
+    y = np.linspace(_REGION // 2, max(height - _REGION // 2, _REGION // 2), rows)
+    x = np.linspace(_REGION // 2, max(width - _REGION // 2, _REGION // 2), columns)
+    levels = np.full((rows, columns), np.nan)
+    for r, cy in enumerate(y.astype(int)):
+        for c, cx in enumerate(x.astype(int)):
+            window = image[
+                max(cy - _REGION // 2, 0) : cy + _REGION // 2, max(cx - _REGION // 2, 0) : cx + _REGION // 2
+            ]
+            levels[r, c] = _bimodal_threshold(window)
+    known = np.isfinite(levels)
+    if not known.any():
+        return np.full(image.shape, otsu(image))
+    gy, gx = np.mgrid[:rows, :columns]
+    ky, kx = np.nonzero(known)
+    distance = np.hypot(gy[..., None] - ky, gx[..., None] - kx)
+    weight = 1.0 / np.maximum(distance, 0.5) ** 2
+    spread = (weight * levels[known]).sum(axis=2) / weight.sum(axis=2)
+    filled = np.where(known, levels, spread).astype(np.float32)
+    map_y = np.interp(np.arange(height), y, np.arange(rows)).astype(np.float32)
+    map_x = np.interp(np.arange(width), x, np.arange(columns)).astype(np.float32)
+    grid_x, grid_y = np.meshgrid(map_x, map_y)
+    result = cv2.remap(filled, grid_x, grid_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(result, dtype=np.float64)
+
+
+def _bimodal_threshold(window: Image) -> float:
+    """Crossing of two normal distributions fitted to the window's histogram; NaN when it is not bimodal."""
+    counts, middles = histogram(window)
+    start = minimum_error(window)
+    low = middles < start
+    weights = np.array([counts[low].sum(), counts[~low].sum()])
+    if weights.min() < 0.02 * window.size:
+        return math.nan
+    means = np.array([np.average(middles[s], weights=counts[s]) for s in (low, ~low)])
+    spreads = np.array(
+        [
+            math.sqrt(np.average((middles[s] - m) ** 2, weights=counts[s]))
+            for s, m in zip((low, ~low), means, strict=True)
+        ]
+    )
+    spreads = np.maximum(spreads, 0.5 * float(middles[1] - middles[0]))
+    grid = np.linspace(means[0], means[1], 65)
+    density = weights / spreads * np.exp(-0.5 * ((grid[:, None] - means) / spreads) ** 2)
+    depth = density.sum(axis=1)
+    if means[1] - means[0] < 4.0 * spreads.mean() or depth.min() > _VALLEY_DEPTH * min(depth[0], depth[-1]):
+        return math.nan
+    return float(grid[np.argmin(np.abs(np.log(density[:, 0] + 1e-300) - np.log(density[:, 1] + 1e-300)))])
+
+
+THRESHOLDS: dict[str, Threshold] = {
+    "p_tile": p_tile,
+    "valley": valley,
+    "edge_pixels": edge_pixels,
+    "iterative": iterative,
+    "otsu": otsu,
+    "entropy": entropy,
+    "minimum_error": minimum_error,
+    "chow_kaneko": chow_kaneko,
+}
