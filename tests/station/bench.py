@@ -1,0 +1,249 @@
+"""A measuring cycle with everything around it replaced: rigs, store, line, clock, measurement."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
+from alignment.values import MeasureSettings, Refusal, WheelMeasurement
+from db.records import CycleRecord, EventRecord
+from station.cycle import MeasuringCycle
+from station.line.messages import (
+    Acknowledge,
+    Command,
+    LineErrorCode,
+    Outcome,
+    StationState,
+    StationStatus,
+    Trigger,
+    overall_outcome,
+)
+from station.ports import Bounds, CycleReport, Identity
+from station.vehicle_types import VehicleType
+from station.wheels import CalibrationInForce, MeasureFunction, WheelPosition
+from tests.sensors.samples import calibration as sample_calibration
+from tests.sensors.samples import shot as sample_shot
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+VIN = "TWDEMX00000000001"
+TODAY = datetime(2026, 3, 2, 12, tzinfo=UTC)
+GATE_S = 10.0
+TOLERANCE = {"nominal_deg": 0.0, "tolerance_deg": 0.5}
+AXLE = {"camber": TOLERANCE, "toe": TOLERANCE, "total_toe": TOLERANCE, "camber_difference": TOLERANCE}
+KIND = VehicleType.model_validate(
+    {"number": 1, "name": "Car", "axles": {"front": AXLE, "rear": AXLE}, "thrust_angle": TOLERANCE}
+)
+
+
+class Clock:
+    """Seconds that pass only while somebody waits on the line."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class FakeRig:
+    """Delivers a shot, or fails as told; `gate` holds `shoot` until it is set."""
+
+    def __init__(self, name: str, log: list[str]) -> None:
+        self.name = name
+        self.log = log
+        self.arm_error: TruewheelError | None = None
+        self.shoot_error: TruewheelError | None = None
+        self.connect_error: TruewheelError | None = None
+        self.gate: threading.Event | None = None
+        self.shot = sample_shot(rig=name)
+
+    def connect(self) -> None:
+        if self.connect_error is not None:
+            raise self.connect_error
+
+    def arm(self) -> None:
+        if self.arm_error is not None:
+            raise self.arm_error
+
+    def shoot(self, timeout_s: float) -> Any:
+        if self.gate is not None:
+            assert self.gate.wait(GATE_S)
+        if self.shoot_error is not None:
+            raise self.shoot_error
+        return self.shot
+
+    def close(self) -> None:
+        self.log.append(f"closed {self.name}")
+
+
+class FakeLine:
+    """Delivers queued commands, and others as soon as the cycle is in a certain state."""
+
+    def __init__(self, clock: Clock, log: list[str]) -> None:
+        self.clock = clock
+        self.log = log
+        self.queue: list[Command] = []
+        self.at: dict[StationState, Command] = {}
+        self.on_delivery: Callable[[], None] = lambda: None
+        self.acknowledges = True
+        self.status = StationStatus(StationState.FAULT, LineErrorCode.STARTING)
+        self.statuses: list[StationStatus] = []
+        self.sent: list[tuple[Any, ...]] = []
+        self.refused: list[tuple[int, LineErrorCode]] = []
+        self.send_error: TruewheelError | None = None
+
+    def next_command(self, timeout_s: float) -> Command | None:
+        if self.status.state in self.at:
+            command = self.at.pop(self.status.state)
+            self.on_delivery()
+            return command
+        if self.queue:
+            return self.queue.pop(0)
+        self.clock.now += timeout_s
+        return None
+
+    def publish(self, status: StationStatus) -> None:
+        self.status = status
+        self.statuses.append(status)
+        self.log.append(f"state {status.state}")
+
+    def send_results(
+        self, sequence: int, wheel_answers: Any, axle_answers: Any = (), vehicle_answer: Any = None
+    ) -> Outcome:
+        if self.send_error is not None:
+            raise self.send_error
+        self.log.append("results")
+        self.sent.append((sequence, wheel_answers, axle_answers, vehicle_answer))
+        if self.acknowledges:
+            self.queue.append(Acknowledge(sequence))
+        answers = (*wheel_answers, *axle_answers, *(() if vehicle_answer is None else (vehicle_answer,)))
+        return overall_outcome(answer.outcome for answer in answers)
+
+    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+        self.refused.append((sequence, code))
+
+    @property
+    def outcomes(self) -> dict[str, Outcome]:
+        return {answer.wheel: answer.outcome for answer in self.sent[-1][1]}
+
+
+class FakeStore:
+    """Keeps records in lists; `error` makes every write fail, `gate` makes writes hang."""
+
+    def __init__(self, log: list[str]) -> None:
+        self.log = log
+        self.cycles: list[CycleRecord] = []
+        self.calibrations: list[Any] = []
+        self.events: list[EventRecord] = []
+        self.error: TruewheelError | None = None
+        self.gate: threading.Event | None = None
+
+    def _write(self, records: list[Any], record: Any) -> None:
+        if self.gate is not None:
+            assert self.gate.wait(GATE_S)
+        if self.error is not None:
+            raise self.error
+        records.append(record)
+
+    def write_cycle(self, record: CycleRecord) -> None:
+        self._write(self.cycles, record)
+        self.log.append("commit")
+
+    def record_calibration(self, record: Any) -> None:
+        self._write(self.calibrations, record)
+
+    def record_event(self, record: EventRecord) -> None:
+        self._write(self.events, record)
+
+    @property
+    def event_codes(self) -> list[str]:
+        return [event.code for event in self.events]
+
+
+def measurement(camber: float = 0.001, toe: float = 0.001, u: float = 1e-5) -> WheelMeasurement:
+    return WheelMeasurement(
+        camber=camber,
+        toe=toe,
+        angle_covariance=np.diag([u**2, u**2]),
+        normal=np.array([0.0, 0.0, 1.0]),
+        centre=np.zeros(3),
+        offset_mm=0.0,
+        points_used=9000,
+        residual_rms_mm=0.03,
+        heads=(),
+        method="tyre_plane/revolution",
+    )
+
+
+class Bench:
+    """A cycle in state IDLE with four rigs, and all its parts at hand."""
+
+    def __init__(self, measure_s: float = 60.0, store_s: float = 5.0) -> None:
+        self.log: list[str] = []
+        self.clock = Clock()
+        self.today = TODAY
+        self.line = FakeLine(self.clock, self.log)
+        self.store = FakeStore(self.log)
+        self.rigs = {name: FakeRig(name, self.log) for name in WHEELS}
+        self.found: dict[str, WheelMeasurement | Refusal] = {}
+        self.raises: Exception | None = None
+        positions = [self._position(rig) for rig in self.rigs.values()]
+        self.cycle = MeasuringCycle(
+            Identity("station_1", "1.0", "abc"),
+            positions,
+            {1: KIND, 9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}})},
+            self.line,
+            self.store,
+            Bounds(measure_s, store_s, acknowledge_s=2.0),
+            clock=self.clock,
+            now=lambda: self.today,
+        )
+
+    def _position(self, rig: FakeRig) -> WheelPosition:
+        calibration = replace(sample_calibration(rig=rig.name, covariance=False), id=f"cal-{rig.name}")
+        in_force = CalibrationInForce(calibration, datetime(2026, 3, 1, tzinfo=UTC), 30.0, {"id": "x"})
+        measure: MeasureFunction = lambda images, known, settings: self._measure(known.rig)  # noqa: E731
+        return WheelPosition(rig, in_force, measure, MeasureSettings(), 1.0, self.clock, lambda: self.today)
+
+    def _measure(self, rig: str) -> WheelMeasurement | Refusal:
+        if self.raises is not None:
+            raise self.raises
+        return self.found.get(rig, measurement())
+
+    def trigger(
+        self, sequence: int = 1, wheels: Sequence[str] = WHEELS, vehicle_type: int = 1
+    ) -> CycleReport | None:
+        self.line.queue.append(Trigger(sequence, tuple(wheels), vehicle_type, VIN, self.clock.now))
+        return self.cycle.step(0.1)
+
+    @property
+    def states(self) -> list[StationState]:
+        return [status.state for status in self.line.statuses]
+
+
+@contextmanager
+def open_bench(**bounds: float) -> Iterator[Bench]:
+    bench = Bench(**bounds)
+    bench.cycle.start()
+    try:
+        yield bench
+    finally:
+        for part in (*bench.rigs.values(), bench.store):
+            if part.gate is not None:
+                part.gate.set()
+        bench.cycle.close()
+
+
+def camera_error() -> CameraError:
+    return CameraError("front_left/head_1/left", "it burns")
+
+
+def store_error() -> StoreUnavailableError:
+    return StoreUnavailableError("database x is locked")
