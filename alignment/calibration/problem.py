@@ -1,0 +1,355 @@
+"""The unknowns of the joint adjustment, laid out; the observations as tables; the working point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from alignment.calibration.observations import CalibrationInput, CameraKey
+from alignment.calibration.projection import COEFFICIENTS, INTRINSICS
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import CameraModel, PosedCamera
+from alignment.geometry.transforms import RigidTransform
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+POSE = 6
+LOCAL = POSE + INTRINSICS + POSE  # columns that one observation can have: camera, lens, view
+
+
+class LensKind(NamedTuple):
+    """Kind and number of coefficients of a `CameraModel`, and which of them are estimated."""
+
+    model: str
+    coefficients: int
+    estimated: tuple[int, ...]
+
+
+MODELS: dict[str, LensKind] = {
+    "division": LensKind("division", 1, (0,)),
+    "radial": LensKind("brown", 5, (0, 1)),
+    "brown5": LensKind("brown", 5, tuple(range(5))),
+    "brown8": LensKind("brown", 8, tuple(range(8))),
+    "thin_prism": LensKind("brown", 12, tuple(range(12))),
+    "tilted": LensKind("brown", 14, tuple(range(14))),
+}
+"""Distortion models by name, simplest first; ``radial`` is Brown–Conrady with k1 and k2 alone."""
+
+_LEAST_SIGMA_MM = 1e-6  # a mark that is taken for exact
+_RELATIVE_AT_CORNER = 0.3  # weak prior: a lens term moves the image's corner by no more than this share
+_TILT_SIGMA = 0.1  # rad; weak prior of a tilted sensor
+
+
+@dataclass(frozen=True)
+class Priors:
+    """What is known beforehand of the stage besides the sigma of its positions.
+
+    Attributes
+    ----------
+    stage_axes
+        Standard uncertainty, radians, of a rotation of the stage's axes against the plate's, common to all
+        views; 0 for parallel axes. Along the cameras' axes it cannot be told from their principal points.
+    view_tilt
+        Standard uncertainty, radians, of the plate's rotation from stage view to stage view; 0 for a stage
+        that moves it parallel.
+    """
+
+    stage_axes: float = 0.0
+    view_tilt: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The working point: every array by camera (C), view (V) or seen mark (M).
+
+    Attributes
+    ----------
+    rotations, centres
+        (C, 3, 3) rig_from_camera, (C, 3) millimetres.
+    packed
+        (C, 20) `CameraModel.packed`.
+    view_rotations, view_shifts
+        (V, 3, 3), (V, 3): rig_from_plate.
+    axes
+        (3, 3) rotation of the stage's axes.
+    deviations
+        (M, 3) of the marks from the plate's points, millimetres.
+    """
+
+    rotations: Array
+    centres: Array
+    packed: Array
+    view_rotations: Array
+    view_shifts: Array
+    axes: Array
+    deviations: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Observations as tables and the columns of the unknowns.
+
+    Attributes
+    ----------
+    data
+        What it was made of.
+    lens
+        Kind of every camera's lens model.
+    marks
+        (M,) rows of the plate of the marks that were seen.
+    camera, view, mark
+        (N,) numbers of each observation; `mark` counts `marks`.
+    pixels
+        (N, 2) observed.
+    whitening
+        (N, 2, 2) W with Wᵀ W the inverse covariance.
+    radius
+        (N,) of the mark where the observation is the centre of its contour, millimetres; 0 where it is the
+        mark's centre.
+    points, mark_sigma
+        (M, 3) of the seen marks.
+    columns
+        (N, 30) column of each local derivative, −1 for what is not estimated.
+    camera_columns, view_columns
+        (C, 24) and (V, 6) the same by camera and view.
+    axes_columns
+        (3,)
+    size
+        Number of columns; the marks are not among them.
+    stage
+        (V, 3) nominal positions; NaN for hand-held views.
+    fixed_view
+        View that is the rig frame itself because no stage says where the plate was; −1 for none.
+    priors
+        See `Priors`.
+    coefficient_sigma
+        (C, 14) weak priors of the lens terms.
+    """
+
+    data: CalibrationInput
+    lens: LensKind
+    marks: Index
+    camera: Index
+    view: Index
+    mark: Index
+    pixels: Array
+    whitening: Array
+    radius: Array
+    points: Array
+    mark_sigma: Array
+    columns: Index
+    camera_columns: Index
+    view_columns: Index
+    axes_columns: Index
+    size: int
+    stage: Array
+    fixed_view: int
+    priors: Priors
+    coefficient_sigma: Array
+
+
+def build_problem(
+    data: CalibrationInput,
+    start: dict[CameraKey, PosedCamera],
+    model: str,
+    priors: Priors,
+    *,
+    fixed_cameras: frozenset[CameraKey] = frozenset(),
+    fixed_marks: bool = False,
+) -> Problem:
+    """Lay out observations and unknowns.
+
+    Parameters
+    ----------
+    data
+        The observations.
+    start
+        Every camera of `data`, of the kind `model`; its values scale the weak priors.
+    model
+        Name of the distortion model, of `MODELS`.
+    priors
+        Of the stage.
+    fixed_cameras
+        Cameras that are not estimated.
+    fixed_marks
+        True takes the plate's points for exact.
+
+    Raises
+    ------
+    DegenerateInputError
+        When nothing was observed, or a covariance is not positive.
+    """
+    keys = data.cameras
+    number = {key: k for k, key in enumerate(keys)}
+    camera, view, mark, pixels, covariance, radius = [], [], [], [], [], []
+    for v, plate_view in enumerate(data.views):
+        for key, seen in plate_view.observations.items():
+            count = len(seen.marks)
+            camera.append(np.full(count, number[key]))
+            view.append(np.full(count, v))
+            mark.append(seen.marks)
+            pixels.append(seen.pixels)
+            covariance.append(seen.covariance)
+            radius.append(np.full(count, 0.0 if seen.corrected else data.plate.mark_radius_mm))
+    if not sum(map(len, mark)):
+        raise DegenerateInputError(
+            field="views",
+            expected="marks of the plate",
+            seen="none in any view",
+            cure="Check plate, light and lens caps.",
+        )
+    which = np.concatenate(camera).astype(np.int64)
+    in_view = np.concatenate(view).astype(np.int64)
+    marks, compressed = np.unique(np.concatenate(mark), return_inverse=True)
+    sigma = np.maximum(data.plate.sigma_mm[marks], _LEAST_SIGMA_MM)
+    if fixed_marks:
+        sigma = np.full_like(sigma, _LEAST_SIGMA_MM)
+    stage = np.array([np.full(3, np.nan) if v.stage_mm is None else v.stage_mm for v in data.views])
+    held = np.isnan(stage[:, 0])
+    fixed_view = 0 if held.all() else -1
+
+    lens = MODELS[model]
+    estimated = np.array([*range(POSE + 4), *(POSE + 4 + c for c in lens.estimated)])
+    camera_columns = np.full((len(keys), POSE + INTRINSICS), -1, np.int64)
+    view_columns = np.full((len(data.views), POSE), -1, np.int64)
+    axes_columns = np.full(3, -1, np.int64)
+    size = 0
+    for k, key in enumerate(keys):
+        if key not in fixed_cameras:
+            camera_columns[k, estimated] = size + np.arange(len(estimated))
+            size += len(estimated)
+    seen_views = np.bincount(in_view, minlength=len(data.views)) > 0
+    for v in map(int, np.flatnonzero(seen_views)):
+        if v == fixed_view:
+            continue
+        if held[v] or priors.view_tilt > 0:
+            view_columns[v, :3] = size + np.arange(3)
+            size += 3
+        if held[v] or data.stage_sigma_mm > 0:
+            view_columns[v, 3:] = size + np.arange(3)
+            size += 3
+    if priors.stage_axes > 0 and data.stage_sigma_mm > 0:
+        axes_columns[:] = size + np.arange(3)
+        size += 3
+    return Problem(
+        data=data,
+        lens=lens,
+        marks=marks,
+        camera=which,
+        view=in_view,
+        mark=compressed.astype(np.int64),
+        pixels=np.concatenate(pixels).astype(np.float64),
+        whitening=_whitening(np.concatenate(covariance)),
+        radius=np.concatenate(radius),
+        points=data.plate.points[marks],
+        mark_sigma=sigma,
+        columns=np.concatenate([camera_columns[which], view_columns[in_view]], axis=1),
+        camera_columns=camera_columns,
+        view_columns=view_columns,
+        axes_columns=axes_columns,
+        size=size,
+        stage=stage,
+        fixed_view=fixed_view,
+        priors=priors,
+        coefficient_sigma=np.array([_coefficient_sigma(start[key].model) for key in keys]),
+    )
+
+
+def _whitening(covariance: Array) -> Array:
+    """(N, 2, 2) upper triangles W with Wᵀ W the inverses of the covariances."""
+    try:
+        lower = np.linalg.cholesky(np.linalg.inv(covariance))
+    except np.linalg.LinAlgError as error:
+        raise DegenerateInputError(
+            field="covariance", expected="positive covariances of the marks", seen="a singular one"
+        ) from error
+    return np.ascontiguousarray(lower.transpose(0, 2, 1))
+
+
+def _coefficient_sigma(model: CameraModel) -> Array:
+    """(14,) weak priors: a term's effect at the image's corner, relative to the corner's radius."""
+    corner = np.array([model.cx, model.cy])
+    far = np.maximum(corner, np.array([model.width - 1, model.height - 1]) - corner)
+    r = max(float(np.hypot(far[0] / model.fx, far[1] / model.fy)), 1e-3)
+    share = _RELATIVE_AT_CORNER
+    radial = [share / r**2, share / r**4, share / r**6]
+    sigma = np.array(
+        [radial[0], radial[1], share / r / 3, share / r / 3, radial[2], *radial]
+        + [share / r, share / r**3] * 2
+        + [_TILT_SIGMA] * 2
+    )
+    if model.model == "division":
+        sigma[0] = 4.0 * share / r**2
+    assert len(sigma) == COEFFICIENTS
+    return sigma
+
+
+def initial_state(
+    problem: Problem, cameras: dict[CameraKey, PosedCamera], rig_from_plate: list[RigidTransform]
+) -> State:
+    """Working point of given cameras and poses of the plate (one per view), marks as the plate says."""
+    posed = [cameras[key] for key in problem.data.cameras]
+    return State(
+        rotations=np.array([c.rig_from_camera.rotation for c in posed]),
+        centres=np.array([c.rig_from_camera.translation for c in posed]),
+        packed=np.array([c.model.packed() for c in posed]),
+        view_rotations=np.array([t.rotation for t in rig_from_plate]),
+        view_shifts=np.array([t.translation for t in rig_from_plate]),
+        axes=np.eye(3),
+        deviations=np.zeros((len(problem.marks), 3)),
+    )
+
+
+def _turn(rotations: Array, columns: Index, step: Array) -> Array:
+    """R → R·exp(ω) where columns (K, 3) are not −1."""
+    moved = columns[:, 0] >= 0
+    if not moved.any():
+        return rotations
+    out = rotations.copy()
+    turns = Rotation.from_rotvec(step[columns[moved]]).as_matrix()
+    u, _, vt = np.linalg.svd(out[moved] @ turns)  # keep orthonormal over many steps
+    out[moved] = u @ vt
+    return out
+
+
+def _shift(values: Array, columns: Index, step: Array) -> Array:
+    return values + np.where(columns >= 0, step[columns], 0.0)
+
+
+def advanced(problem: Problem, state: State, step: Array, mark_step: Array) -> State:
+    """Return the working point after a step (`size`,) of the unknowns and (M, 3) of the marks."""
+    cameras, views = problem.camera_columns, problem.view_columns
+    packed = state.packed.copy()
+    packed[:, :4] = _shift(packed[:, :4], cameras[:, 6:10], step)
+    packed[:, 6:] = _shift(packed[:, 6:], cameras[:, 10:], step)
+    axes = state.axes
+    if problem.axes_columns[0] >= 0:
+        axes = Rotation.from_rotvec(step[problem.axes_columns]).as_matrix() @ axes
+    return replace(
+        state,
+        rotations=_turn(state.rotations, cameras[:, :3], step),
+        centres=_shift(state.centres, cameras[:, 3:6], step),
+        packed=packed,
+        view_rotations=_turn(state.view_rotations, views[:, :3], step),
+        view_shifts=_shift(state.view_shifts, views[:, 3:], step),
+        axes=axes,
+        deviations=state.deviations + mark_step,
+    )
+
+
+def cameras_of(problem: Problem, state: State) -> dict[CameraKey, PosedCamera]:
+    """Cameras of a working point."""
+    out = {}
+    lens = problem.lens
+    for k, key in enumerate(problem.data.cameras):
+        p = state.packed[k]
+        width, height = problem.data.sizes[key]
+        coefficients = tuple(p[6 : 6 + lens.coefficients])
+        model = CameraModel(width, height, p[0], p[1], p[2], p[3], lens.model, coefficients, p[4])
+        out[key] = PosedCamera(model, RigidTransform(state.rotations[k], state.centres[k]))
+    return out
