@@ -33,6 +33,9 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+studies: setup
+	$(BIN)/truewheel study all --out out/studies
+
 bench: setup
 	$(BIN)/python -m benchmarks.measure_wheel
 

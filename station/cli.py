@@ -17,6 +17,7 @@ from station.commands.demo import demo
 from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
 from station.commands.plate import simulate_plate_session_command
+from station.commands.study import study
 
 app = typer.Typer(
     name="truewheel",
@@ -31,6 +32,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(wheel.measure)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
+app.command()(study)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(line_app, name="line")
 app.add_typer(db_app, name="db")

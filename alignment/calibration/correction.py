@@ -66,7 +66,8 @@ class ErrorModel:
         return np.asarray(self._basis(scaled) @ self._weights)
 
 
-def _polynomial(name: str, powers: Sequence[tuple[int, ...]]) -> Candidate:
+def polynomial(name: str, powers: Sequence[tuple[int, ...]]) -> Candidate:
+    """Polynomial in scaled coordinates with the given exponents, one tuple of d per term."""
     exponents = np.array(powers)
 
     def basis(q: Array) -> Array:
@@ -129,7 +130,7 @@ def standard_candidates(dimensions: int) -> tuple[Candidate, ...]:
     candidates = []
     for degree in range(6):
         powers = [p for p in itertools.product(range(degree + 1), repeat=dimensions) if sum(p) <= degree]
-        candidates.append(_polynomial(f"polynomial of degree {degree}", powers))
+        candidates.append(polynomial(f"polynomial of degree {degree}", powers))
     if dimensions > 1:
         for degrees in itertools.product(range(1, 5), repeat=dimensions):
             powers = [(0,) * dimensions]
@@ -139,7 +140,7 @@ def standard_candidates(dimensions: int) -> tuple[Candidate, ...]:
                 ]
             if max(degrees) > 1:
                 name = " + ".join(f"degree {n} in {'xyz'[k]}" for k, n in enumerate(degrees))
-                candidates.append(_polynomial(name, powers))
+                candidates.append(polynomial(name, powers))
     candidates += [_tensor_spline(degree, n, dimensions) for degree in (1, 3) for n in (2, 3)]
     candidates += [_thin_plate(10.0**power, dimensions) for power in range(-5, 2)]
     return tuple(candidates)

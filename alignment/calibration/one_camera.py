@@ -187,5 +187,5 @@ def null_vector(rows: Array) -> tuple[Array, float]:
     """
     length = np.linalg.norm(rows, axis=0)
     length[length == 0] = 1.0
-    _, values, vt = np.linalg.svd(rows / length, full_matrices=True)
+    _, values, vt = np.linalg.svd(np.linalg.qr(rows / length, mode="r"))
     return vt[-1] / length, float(values[rows.shape[1] - 2] / values[0])

@@ -1,0 +1,1 @@
+"""The accuracy studies: each repeats an experiment many times and sets what comes out beside its goal."""

@@ -1,0 +1,52 @@
+"""The studies of calibration methods, in their quick form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from station.studies import correction
+from station.studies.lenz_tsai import STUDY as LENZ_TSAI
+from station.studies.study import StudyResult
+
+
+def silent(done: float, doing: str) -> None:
+    assert 0.0 <= done <= 1.0
+    assert doing
+
+
+def assert_goals_met(result: StudyResult) -> None:
+    assert not result.missed, [(str(goal), result.figures[goal.figure]) for goal in result.missed]
+    assert all(list(row) == list(result.rows[0]) for row in result.rows)
+
+
+def test_lenz_tsai() -> None:
+    result = LENZ_TSAI.run(3, True, silent)
+    assert_goals_met(result)
+    rows = [r for r in result.rows if r["errors_of"] == "points" and r["size"] == 0.0]
+    lenz = [float(r["lenz_mm"] or 0.0) for r in rows]
+    assert lenz == sorted(lenz)
+    assert lenz[0] < 1e-6
+
+
+def test_same_seed_same_result() -> None:
+    one, two = (dict(LENZ_TSAI.run(5, True, silent).figures) for _ in range(2))
+    assert one == two
+
+
+def test_correction_of_the_printed_errors() -> None:
+    if not any((place / correction.FILE).is_file() for place in correction.PLACES):
+        pytest.skip(f"printed errors not present: no {correction.FILE} beside the project")
+    assert_goals_met(correction.STUDY.run(0, True, silent))
+
+
+def test_correction_without_the_table_says_where_to_put_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(correction, "PLACES", (tmp_path,))
+    with pytest.raises(correction.ConfigurationError, match="current folder"):
+        correction.STUDY.run(0, True, silent)
+    (tmp_path / correction.FILE).write_text("x,y,ex\n0,0,1\n", encoding="utf-8")
+    with pytest.raises(correction.ConfigurationError, match="3 columns"):
+        correction.STUDY.run(0, True, silent)
