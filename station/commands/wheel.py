@@ -130,6 +130,7 @@ def simulate_wheel_command(
     from sensors.simulation.scene import WheelPose
     from station.simulation import (
         read_simulation,
+        require_new,
         simulate_wheel,
         write_simulated_wheel,
     )
@@ -137,6 +138,7 @@ def simulate_wheel_command(
     farthest = max(map(abs, offset))
     if not farthest <= 100.0:
         raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
+    require_new(out)
     pose = WheelPose(
         camber=math.radians(camber),
         toe=math.radians(toe),

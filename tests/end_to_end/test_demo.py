@@ -1,0 +1,68 @@
+"""One vehicle through everything: controller, cameras, mathematics, database, answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from uuid import UUID
+
+import numpy as np
+
+from db.store import ResultStore
+from station.demo import vehicle_poses
+from station.line.dbc import load_line_database
+from station.line.monitor import decode_log, trace_cycles
+from station.vehicle_types import read_vehicle_types
+from tests.end_to_end.conftest import CONFIGS, Truewheel
+
+WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
+
+
+def test_one_vehicle_from_trigger_to_committed_result(truewheel: Truewheel, tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'results.sqlite'}"
+    ended = truewheel("demo", "--vehicles", 1, "--database", url, "--out", tmp_path / "out", "--json")
+    assert ended.status == 0, ended.err
+    result = ended.json
+    assert result["database"] == url
+    (vehicle,) = result["vehicles"]
+    assert vehicle["outcome"] == "ok"
+    assert [wheel["wheel"] for wheel in vehicle["wheels"]] == WHEELS
+    for wheel in vehicle["wheels"]:
+        assert (wheel["outcome"], wheel["verdict"]) == ("measured", "ok")
+        for angle in ("camber", "toe"):
+            assert abs(wheel["error_arcmin"][angle]) <= 0.1
+            assert 0.0 < wheel[f"{angle}_u95_deg"] < 0.01
+            error = 60 * (wheel[f"{angle}_deg"] - wheel["truth"][f"{angle}_deg"])
+            assert abs(error - wheel["error_arcmin"][angle]) < 1e-9
+    order = vehicle["order"]
+    times = [order[f"{name}_s"] for name in ("trigger", "busy", "committed", "first_result", "done")]
+    assert times == sorted(times)
+    assert order["in_order"] is True
+
+    with ResultStore(url) as store:
+        counts = store.counts()
+        assert (counts["vehicles"], counts["wheel_results"], counts["calibrations"]) == (1, 4, 4)
+        stored = store.cycle(UUID(vehicle["cycle"]))
+        assert stored is not None
+        assert stored.record.vehicle is not None
+        assert stored.record.vehicle.vin == vehicle["vin"]
+        assert len(stored.record.axles) == 2
+        assert stored.record.vehicle_angles is not None
+    frames = list(decode_log(result["can_log"], load_line_database(CONFIGS / "line.dbc")))
+    assert [frame.error for frame in frames if frame.error] == []
+    (trace,) = trace_cycles(frames)
+    assert trace.in_order
+    assert truewheel("line", "monitor", result["can_log"], "--config", CONFIGS / "station.toml").status == 0
+
+
+def test_every_second_vehicle_has_one_wheel_out_of_tolerance() -> None:
+    kind = read_vehicle_types(CONFIGS / "vehicles")[1]
+    rng = np.random.default_rng(0)
+    for number in range(6):
+        outside = []
+        for wheel, draw in vehicle_poses(kind, WHEELS, number, rng).items():
+            pose = draw(np.random.default_rng(1))
+            limits = kind.axles[wheel.rpartition("_")[0]]
+            for angle, value in ((limits.camber.limits(), pose.camber), (limits.toe.limits(), pose.toe)):
+                if not angle.low < value < angle.high:
+                    outside.append(wheel)
+        assert len(outside) == number % 2
