@@ -46,9 +46,13 @@ Index = NDArray[np.int64]
 
 _FULL_WEIGHT = 4.0  # standard deviations; e⁻⁸ of good observations lie beyond
 _LEAST_SCALE = 0.02  # stated noise that is fifty times too large is not believed
-_CONVERGED = 1e-5  # squared length of a step in standard deviations of the unknowns
+# Squared length of a last step in standard deviations of the unknowns, while the noise is still being
+# estimated and at the end.
+_SETTLED, _CONVERGED = 0.1, 1e-5
 _MEDIAN_OF_TWO = 1.3863  # median of χ² with two degrees of freedom
 _SCALE_ROUNDS = 2
+_LEAST_DAMPING = 1e-12
+_STALLED = 1e-3  # relative gain of a step in a long valley, where more steps change nothing that matters
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class AdjustmentSettings:
     model: str = "brown5"
     priors: Priors = field(default_factory=Priors)
     outlier_sigma: float = 2.0 * _FULL_WEIGHT
-    iterations: int = 60
+    iterations: int = 30
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -274,7 +278,11 @@ def solve(problem: Problem, state: State, settings: AdjustmentSettings) -> Solut
 def _minimise(
     problem: Problem, state: State, settings: AdjustmentSettings, scales: Array | None
 ) -> tuple[State, Linearised, Array, int]:
-    """Damped Gauss–Newton; without given noise scales they follow the median residual of each camera."""
+    """Damped Gauss–Newton; without given noise scales they follow the median residual of each camera.
+
+    Where unknowns are all but interchangeable (a tilted sensor behind a long lens) it may end in a valley
+    without reaching its bottom; the condition tells.
+    """
     cameras = len(problem.data.cameras)
     at = linearise(problem, state)
     if at is None:
@@ -284,7 +292,8 @@ def _minimise(
             seen="a mark behind a camera or beyond its lens",
             cure="Check stage positions and marks, or add views at other heights.",
         )
-    damping = 1e-4
+    damping, lost, cost = 1e-6, np.inf, 0.0
+    enough = _SETTLED if scales is None else _CONVERGED
     for taken in range(settings.iterations):
         here = _median_scales(problem, at, cameras) if scales is None else scales
         robust = _weights(problem, at, here, settings.outlier_sigma)
@@ -296,16 +305,21 @@ def _minimise(
             step = solve_symmetric(matrix + damping * np.diag(np.diag(matrix)), vector[None])[0]
             trial = advanced(problem, state, step, reduced.back_substitute(step))
             there = linearise(problem, trial)
-            gain = float(step @ vector)
-            if there is not None and _cost(problem, trial, there, weight) <= cost + 1e-9 * cost:
+            promised = float(step @ vector)
+            lost = cost - _cost(problem, trial, there, weight) if there is not None else -np.inf
+            if there is not None and lost >= -1e-9 * cost:
                 break
-            if gain < _CONVERGED or damping > 1e8:
+            if promised < enough or damping > 1e8:
                 return state, at, robust, taken
-            damping = max(10.0 * damping, 1e-6)
+            damping *= 10.0
         state, at = trial, there
-        damping = 0.0 if damping < 1e-9 else damping / 10.0
-        if gain < _CONVERGED:
+        if promised < enough:
             return state, at, robust, taken + 1
+        # A step that kept three quarters of its promise may be bolder next time.
+        if lost > 0.75 * promised:
+            damping = max(damping / 10.0, _LEAST_DAMPING)
+    if lost < _STALLED * cost:
+        return state, at, robust, settings.iterations
     raise DegenerateInputError(
         field="views",
         expected=f"an adjustment that ends within {settings.iterations} steps",

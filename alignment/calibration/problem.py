@@ -35,14 +35,15 @@ MODELS: dict[str, LensKind] = {
     "radial": LensKind("brown", 5, (0, 1)),
     "brown5": LensKind("brown", 5, tuple(range(5))),
     "brown8": LensKind("brown", 8, tuple(range(8))),
-    "thin_prism": LensKind("brown", 12, tuple(range(12))),
-    "tilted": LensKind("brown", 14, tuple(range(14))),
+    "thin_prism": LensKind("brown", 12, (0, 1, 2, 3, 4, 8, 9, 10, 11)),
+    "tilted": LensKind("brown", 14, (0, 1, 2, 3, 4, 12, 13)),
 }
-"""Distortion models by name, simplest first; ``radial`` is Brown–Conrady with k1 and k2 alone."""
+"""Distortion models by name. ``radial`` is Brown–Conrady with k1 and k2 alone; thin prism and tilt come without
+the rational terms k4 … k6, which together with them leave long valleys of equal fit."""
 
 _LEAST_SIGMA_MM = 1e-6  # a mark that is taken for exact
-_RELATIVE_AT_CORNER = 0.3  # weak prior: a lens term moves the image's corner by no more than this share
-_TILT_SIGMA = 0.1  # rad; weak prior of a tilted sensor
+# Weak priors: shares of the radius by which a term moves the image's corner; a sensor's tilt in radians.
+_RADIAL_AT_CORNER, _TANGENTIAL_AT_CORNER, _TILT_SIGMA = 0.3, 0.01, 0.02
 
 
 @dataclass(frozen=True)
@@ -276,15 +277,13 @@ def _coefficient_sigma(model: CameraModel) -> Array:
     corner = np.array([model.cx, model.cy])
     far = np.maximum(corner, np.array([model.width - 1, model.height - 1]) - corner)
     r = max(float(np.hypot(far[0] / model.fx, far[1] / model.fy)), 1e-3)
-    share = _RELATIVE_AT_CORNER
-    radial = [share / r**2, share / r**4, share / r**6]
+    radial = [_RADIAL_AT_CORNER / r**2, _RADIAL_AT_CORNER / r**4, _RADIAL_AT_CORNER / r**6]
+    decentering = _TANGENTIAL_AT_CORNER / r
     sigma = np.array(
-        [radial[0], radial[1], share / r / 3, share / r / 3, radial[2], *radial]
-        + [share / r, share / r**3] * 2
+        [radial[0], radial[1], decentering, decentering, radial[2], *radial]
+        + [decentering, decentering / r**2] * 2
         + [_TILT_SIGMA] * 2
     )
-    if model.model == "division":
-        sigma[0] = 4.0 * share / r**2
     assert len(sigma) == COEFFICIENTS
     return sigma
 
