@@ -153,7 +153,11 @@ class MeasuringCycle:
             while not stopping.is_set():
                 self.step(5 * POLL_S)
         except BaseException:
-            self._line.publish(StationStatus(StationState.FAULT, LineErrorCode.INTERNAL_FAULT))
+            self._error = LineErrorCode.INTERNAL_FAULT
+            if self.state is StationState.FAULT:
+                self._entered(StationState.FAULT)
+            else:
+                self._machine.enter(StationState.FAULT)
             raise
 
     def step(self, timeout_s: float) -> CycleReport | None:
@@ -378,8 +382,6 @@ class MeasuringCycle:
     def _entered(self, state: StationState) -> None:
         if state is StationState.IDLE:
             self._error = LineErrorCode.NONE
-        if state is StationState.FAULT and self._error is LineErrorCode.NONE:
-            self._error = LineErrorCode.INTERNAL_FAULT
         self._line.publish(StationStatus(state, self._error))
         self._observer.entered(state)
 

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from alignment.errors import TruewheelError
 from station.line.messages import StationState
 
+# Every state but FAULT may end in FAULT: by a failure of the station, or by a mistake in the program.
 TRANSITIONS: dict[StationState, frozenset[StationState]] = {
-    # A trigger arrived; a trigger that cannot be served is reported at once.
+    # A trigger arrived that can be served.
     StationState.IDLE: frozenset({StationState.ARMED, StationState.FAULT}),
     # Cameras took their settings; an abort or a camera that fails goes on to the record of it.
     StationState.ARMED: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),

@@ -25,7 +25,7 @@ def demo(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for CAN log and database.", show_default="demo/ and the time"),
+        typer.Option(help="Folder for CAN log and database.", show_default="out/demo- and the time"),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the vehicles' angles.", min=0, max=99_999)] = 0,
     config: Annotated[
@@ -45,7 +45,7 @@ def demo(
 
     from station.config import read_configuration
 
-    folder = out or Path("demo") / f"{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
+    folder = out or Path("out") / f"demo-{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
@@ -54,7 +54,7 @@ def demo(
         from station.demo import demo_configuration, run_demo
 
         folder.mkdir(parents=True, exist_ok=True)
-        url = database or f"sqlite:///{folder.resolve() / 'results.sqlite'}"
+        url = database or f"sqlite:///{folder.resolve() / 'results.db'}"
         progress.update(task, description="wheels")
         result = run_demo(
             demo_configuration(configuration, url, folder / "can.log"),

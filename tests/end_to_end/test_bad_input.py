@@ -169,7 +169,7 @@ def test_database_of_a_newer_schema_is_refused(truewheel: Truewheel, replay: Pat
     with sqlite3.connect(file) as connection:
         connection.execute("UPDATE alembic_version SET version_num = 'zzzz'")
     connection.close()
-    change(replay, "sqlite:///../truewheel.sqlite", f"sqlite:///{file}")
+    change(replay, "sqlite:///../truewheel.db", f"sqlite:///{file}")
     ended = truewheel("run", "--config", replay)
     assert ended.status == 2
     assert "newer" in ended.err
@@ -206,7 +206,7 @@ def test_everything_that_keeps_a_station_from_starting_is_told_together(
     (replay.parent / "shots" / "001" / "head_3_left.png").unlink()
     ended = truewheel("run", "--config", replay)
     assert ended.status == 3
-    for part in ("carrier_pigeon", "truewheel.sqlite", "head_3_left"):
+    for part in ("carrier_pigeon", "truewheel.db", "head_3_left"):
         assert part in ended.err
 
 

@@ -146,7 +146,7 @@ def test_limits_are_nominal_plus_minus_tolerance_or_lower_and_upper() -> None:
 def test_hash_follows_what_decides_results_and_nothing_else(configs: Path) -> None:
     path = configs / "station.toml"
     first = read_configuration(path).hash
-    change(path, "sqlite:///../truewheel.sqlite", "postgresql://user:secret@host/db")
+    change(path, "sqlite:///../truewheel.db", "postgresql://user:secret@host/db")
     assert read_configuration(path).hash == first
     change(configs / "vehicles" / "van.toml", "0.75", "0.76")
     second = read_configuration(path).hash
@@ -160,8 +160,8 @@ def test_hash_follows_what_decides_results_and_nothing_else(configs: Path) -> No
 
 def test_relative_database_file_is_beside_the_configuration(configs: Path) -> None:
     path = configs / "station.toml"
-    assert read_configuration(path).database_url == f"sqlite:///{configs}/../truewheel.sqlite"
-    change(path, "sqlite:///../truewheel.sqlite", "sqlite:////var/x.sqlite?a=b")
+    assert read_configuration(path).database_url == f"sqlite:///{configs}/../truewheel.db"
+    change(path, "sqlite:///../truewheel.db", "sqlite:////var/x.sqlite?a=b")
     assert read_configuration(path).database_url == "sqlite:////var/x.sqlite?a=b"
     change(path, "sqlite:////var/x.sqlite?a=b", "sqlite:///:memory:")
     assert read_configuration(path).database_url == "sqlite:///:memory:"

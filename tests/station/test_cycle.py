@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
@@ -12,7 +13,7 @@ from alignment.errors import CameraError, LineConnectionError, StoreUnavailableE
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome, Verdict, WheelOutcome
 from station.line.messages import Abort, Acknowledge, LineErrorCode, Outcome, Reset, StationState
-from station.wheels import connect_all
+from station.wheels import WheelPosition, connect_all
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
 GOOD_WAY = [
@@ -389,10 +390,18 @@ def test_start_that_cannot_be_served_is_refused_and_leaves_the_station_ready(
     assert str(code) in bench.store.event_codes
 
 
-def test_serving_ends_when_told_and_says_fault_when_it_breaks(bench: Bench) -> None:
+def test_serving_ends_when_told(bench: Bench) -> None:
     stopping = threading.Event()
     stopping.set()
     bench.cycle.serve(stopping)
+    assert bench.cycle.state is StationState.IDLE
+
+
+@pytest.mark.parametrize("state", [StationState.IDLE, StationState.FAULT])
+def test_line_is_told_of_a_fault_when_the_program_breaks(bench: Bench, state: StationState) -> None:
+    if state is StationState.FAULT:
+        bench.rigs["front_left"].shoot_error = camera_error()
+        bench.trigger()
 
     def broken(timeout_s: float) -> None:
         raise ZeroDivisionError
@@ -402,6 +411,29 @@ def test_serving_ends_when_told_and_says_fault_when_it_breaks(bench: Bench) -> N
         bench.cycle.serve(threading.Event())
     assert bench.line.status.state is StationState.FAULT
     assert bench.line.status.error_code is LineErrorCode.INTERNAL_FAULT
+
+
+def test_camera_that_still_hangs_after_an_abort_ends_in_fault() -> None:
+    with open_bench(measure_s=0.05) as bench:
+        bench.rigs["rear_right"].gate = threading.Event()
+        bench.line.at[StationState.MEASURING] = Abort(1)
+        bench.trigger()
+        assert set(bench.line.outcomes.values()) == {Outcome.ABORTED}
+        assert bench.cycle.state is StationState.FAULT
+        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+
+
+def test_angles_without_a_valid_calibration_are_a_fault_even_when_measured(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = WheelPosition.run
+    monkeypatch.setattr(WheelPosition, "run", lambda self: replace(run(self), calibration_valid=False))
+    report = bench.trigger()
+    assert report is not None
+    assert report.record.outcome is CycleOutcome.FAULT
+    assert report.record.reason_code == "calibration_fault"
+    assert {wheel.verdict for wheel in report.record.wheels} == {Verdict.NONE}
+    assert set(bench.line.outcomes.values()) == {Outcome.FAULT}
 
 
 def test_connecting_reports_every_rig_that_failed(bench: Bench) -> None:
