@@ -115,8 +115,8 @@ def _show(result: DemoResult) -> None:
         console.print(_table(vehicle))
         order = vehicle.order
         console.print(
-            f"  trigger 0 s, busy {order.busy_s:.3f} s, committed {order.committed_s:.3f} s, first result "
-            f"{order.first_result_s:.3f} s, done {order.done_s:.3f} s: "
+            f" trigger 0, busy {order.busy_s:.3f}, committed {order.committed_s:.3f}, results "
+            f"{order.first_result_s:.3f}, done {order.done_s:.3f} s: "
             f"{'in order' if order.in_order else 'OUT OF ORDER'}\n"
         )
     counts = result.counts
@@ -136,6 +136,7 @@ def _table(vehicle: DemoVehicle) -> Table:
         title_justify="left",
         box=SIMPLE,
         pad_edge=False,
+        collapse_padding=True,
     )
     table.add_column("wheel", no_wrap=True)
     for heading in ("camber ± 95 %", "error", "toe ± 95 %", "error"):
