@@ -115,7 +115,7 @@ def _show(result: DemoResult) -> None:
         console.print(_table(vehicle))
         order = vehicle.order
         console.print(
-            f" trigger 0, busy {order.busy_s:.3f}, committed {order.committed_s:.3f}, results "
+            f"trigger 0, busy {order.busy_s:.3f}, committed {order.committed_s:.3f}, results "
             f"{order.first_result_s:.3f}, done {order.done_s:.3f} s: "
             f"{'in order' if order.in_order else 'OUT OF ORDER'}\n"
         )
