@@ -12,6 +12,7 @@ import typer
 
 from alignment.errors import ConfigurationError, InputError, SeveralErrors, StoreSchemaError, TruewheelError
 from station.commands import wheel
+from station.commands.calibration import calibration_app
 from station.commands.database import db_app
 from station.commands.demo import demo
 from station.commands.line import line_app
@@ -34,6 +35,7 @@ app.command()(wheel.measure)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 app.command()(study)
 app.add_typer(wheel.simulate_app, name="simulate")
+app.add_typer(calibration_app, name="calibration")
 app.add_typer(line_app, name="line")
 app.add_typer(db_app, name="db")
 

@@ -1,4 +1,4 @@
-"""`truewheel simulate plate-session`: what it writes is read, repeats itself, and fits the wheels of its seed."""
+"""`truewheel simulate plate-session`: what it writes is read, repeats itself, fits the wheels of its seed."""
 
 from __future__ import annotations
 

@@ -1,0 +1,126 @@
+"""`truewheel calibration …`: calibrations as files."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from station.commands.output import JsonFlag, print_json
+from station.commands.wheel import SideOption
+
+if TYPE_CHECKING:
+    from alignment.errors import ConfigurationError
+
+calibration_app = typer.Typer(no_args_is_help=True, help="Calibrations of rigs.")
+
+
+class FormatOption(StrEnum):
+    """Format of another program."""
+
+    OPENCV = "opencv"
+    KALIBR = "kalibr"
+    MRCAL = "mrcal"
+
+
+class UnitOption(StrEnum):
+    """Unit of length of a file."""
+
+    MILLIMETRE = "mm"
+    METRE = "m"
+
+
+def _exists(path: Path) -> ConfigurationError:
+    from alignment.errors import ConfigurationError
+
+    return ConfigurationError(
+        file=path,
+        field="--out",
+        expected="a new file",
+        seen="one that is there",
+        cure="Choose another name; what is there is not replaced",
+    )
+
+
+@calibration_app.command("export")
+def export_command(
+    calibration: Annotated[Path, typer.Argument(help="Calibration file.", show_default=False)],
+    kind: Annotated[FormatOption, typer.Option("--format", help="Format of the other program.")],
+    out: Annotated[Path, typer.Option(help="New file; for mrcal a new folder.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a calibration for another program.
+
+    The covariance and the pose of the rig in the vehicle stay behind.
+    """
+    from sensors.formats import read_calibration
+    from sensors.formats.exchange import export_calibration
+
+    known = read_calibration(calibration)
+    if out.exists() and kind is not FormatOption.MRCAL:
+        raise _exists(out)
+    export_calibration(out, known, kind)
+    cameras = 2 * len(known.heads)
+    if as_json:
+        print_json({"out": str(out), "format": str(kind), "calibration_id": known.id, "cameras": cameras})
+    else:
+        typer.echo(f"wrote {out}: {cameras} cameras of {known.id}")
+
+
+@calibration_app.command("import")
+def import_command(
+    files: Annotated[list[Path], typer.Argument(help="Files of the other program.", show_default=False)],
+    kind: Annotated[FormatOption, typer.Option("--format", help="Format of the other program.")],
+    out: Annotated[Path, typer.Option(help="New calibration file.")],
+    rig: Annotated[str, typer.Option(help="Name of the rig.")],
+    side: Annotated[SideOption, typer.Option(help="Side of the vehicle.")],
+    identity: Annotated[
+        str | None, typer.Option("--id", help="Identity of the calibration.", show_default="from its content")
+    ] = None,
+    unit: Annotated[
+        UnitOption | None, typer.Option(help="Unit of the poses.", show_default="mm for opencv, else m")
+    ] = None,
+    size: Annotated[
+        tuple[int, int] | None,
+        typer.Option(help="Width and height of the images, where an OpenCV file does not say."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a calibration from the files of another program.
+
+    The frame in which they state the poses becomes the frame of the rig: origin at the wheel's centre, z
+    outboard, y up. The rig's pose in the vehicle is taken to be nominal.
+    """
+    import hashlib
+    from dataclasses import replace
+    from datetime import UTC, datetime
+
+    from sensors.formats import write_calibration
+    from sensors.formats.exchange import import_calibration
+
+    if out.exists():
+        raise _exists(out)
+    imported = import_calibration(
+        files,
+        kind,
+        identity=identity or "imported",
+        rig=rig,
+        side="left" if side is SideOption.LEFT else "right",
+        unit_mm=None if unit is None else {UnitOption.MILLIMETRE: 1.0, UnitOption.METRE: 1000.0}[unit],
+        size=size,
+    )
+    if identity is None:
+        content = hashlib.sha256()
+        for camera in (camera for head in imported.heads for camera in head.cameras):
+            pose = camera.rig_from_camera
+            for array in (camera.model.parameters, pose.rotation, pose.translation):
+                content.update(array.tobytes())
+        imported = replace(imported, id=f"imported-{rig}-{content.hexdigest()[:12]}")
+    write_calibration(out, imported, method=f"imported from {kind}", created_utc=datetime.now(UTC))
+    heads = [head.name for head in imported.heads]
+    if as_json:
+        print_json({"out": str(out), "format": str(kind), "calibration_id": imported.id, "heads": heads})
+    else:
+        typer.echo(f"wrote {out}: {imported.id}, heads {', '.join(heads)}")
