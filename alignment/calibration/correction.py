@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Basis = Callable[[Array], Array]
 _LEAST_POINTS = 8
 _OUTER_FOLDS = 60
+_FLAT = 0.02
 # A model with more parameters than half the points interpolates errors of measurement.
 _MOST_FREEDOM = 0.5
 
@@ -223,7 +224,8 @@ class Correction:
         (3,) the box of the points it was fitted to, millimetres. Beyond it the correction of the box's
         nearest point holds: nothing is extrapolated.
     axes
-        Coordinates that the models depend on; one in which the points do not differ is none.
+        Coordinates that the models depend on; one in which the true points hardly differ is none: there the
+        measured ones differ by their errors, and would only explain themselves.
     """
 
     models: tuple[ErrorModel, ErrorModel, ErrorModel]
@@ -293,8 +295,8 @@ def fit_correction(
             cure="Measure more points of the reference object.",
         )
     lowest, highest = points.min(axis=0), points.max(axis=0)
-    extent = highest - lowest
-    axes = tuple(int(k) for k in np.flatnonzero(extent > 1e-3 * extent.max()))
+    extent = np.ptp(points - np.nan_to_num(errors), axis=0)
+    axes = tuple(int(k) for k in np.flatnonzero(extent > _FLAT * extent.max()))
     if not axes:
         raise DegenerateInputError(field="points", expected="points at different places", seen="one place")
     scaled = _scaled(points, lowest, highest, axes)

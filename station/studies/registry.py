@@ -11,6 +11,7 @@ from station.studies.study import Study
 STUDIES = {
     "correction": "station.studies.correction",
     "lenz-tsai": "station.studies.lenz_tsai",
+    "nonparallel-head": "station.studies.nonparallel_head",
 }
 """Name and module; the module has the study under the name `STUDY`."""
 

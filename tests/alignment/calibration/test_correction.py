@@ -69,6 +69,16 @@ def test_correction_does_not_extrapolate() -> None:
     np.testing.assert_allclose(far, correction.errors(np.array([[75.0, 0.0, 0.0]])))
 
 
+def test_errors_along_a_plane_do_not_explain_themselves() -> None:
+    """Measured heights of a plane differ by their errors alone; as a coordinate they would null them."""
+    rng = np.random.default_rng(5)
+    true = grid()
+    errors = np.column_stack([np.zeros((len(true), 2)), rng.normal(0, 0.1, len(true))])
+    correction = fit_correction(true + errors, errors)
+    assert correction.axes == (0, 1)
+    assert correction.helps == (False, False, False)
+
+
 @pytest.mark.parametrize("axes", [(0,), (0, 1), (0, 1, 2)])
 def test_points_may_differ_in_one_two_or_three_coordinates(axes: tuple[int, ...]) -> None:
     rng = np.random.default_rng(4)

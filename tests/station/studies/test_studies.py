@@ -8,6 +8,7 @@ import pytest
 
 from station.studies import correction
 from station.studies.lenz_tsai import STUDY as LENZ_TSAI
+from station.studies.nonparallel_head import STUDY as NONPARALLEL_HEAD
 from station.studies.study import StudyResult
 
 
@@ -28,6 +29,12 @@ def test_lenz_tsai() -> None:
     lenz = [float(r["lenz_mm"] or 0.0) for r in rows]
     assert lenz == sorted(lenz)
     assert lenz[0] < 1e-6
+
+
+def test_nonparallel_head() -> None:
+    result = NONPARALLEL_HEAD.run(1, True, silent)
+    assert_goals_met(result)
+    assert result.figures["joint_z_largest_before_mm"] < result.figures["two-system_z_largest_before_mm"]
 
 
 def test_same_seed_same_result() -> None:
