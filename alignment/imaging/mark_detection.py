@@ -21,6 +21,7 @@ _LEAST_DEPTH = 4.0  # grey levels of an 8-bit image
 _FLATTEST = 0.2  # least ratio of an outline's axes
 _ROUGHNESS_PX = 0.45  # allowed deviation of an outline from its ellipse: of the pixel grid
 _ROUGHNESS = 0.025  # and in proportion to the radius
+_CHORD = 1.2  # pixels of a whole mark that may lie on the border's pixels
 _LEAST_HOLE = 0.1  # radius of a ring's middle over the mark's
 _LARGEST_HOLE = 0.9
 _HOLE_OFFSET = 0.2  # largest distance of the middle from the centre, over the radius
@@ -28,8 +29,8 @@ _HOLE_OFFSET = 0.2  # largest distance of the middle from the centre, over the r
 
 def exposure_of(image: Image) -> Exposure:
     """Grey levels, saturation, noise and steepest edges of an image, from a sample of its pixels."""
-    sample = image[::4, :].astype(np.float32)
-    dark, bright = np.percentile(sample[:, ::4], [1.0, 99.0])
+    sample = image[::8, :].astype(np.float32)
+    dark, bright = np.percentile(sample[:, ::2], [1.0, 99.0])
     top = float(image.max())
     limit = 255.0 if image.dtype == np.uint8 else top
     # Cameras of 10 to 14 bits in 16-bit images saturate below the type's limit: many pixels share the top.
@@ -152,10 +153,10 @@ def _round_outlines(
     found = []
     for k in np.flatnonzero(tree[:, 3] < 0):
         contour = np.asarray(contours[int(k)], dtype=np.int32)
-        x, y, w, h = cv2.boundingRect(contour)
+        _, _, w, h = cv2.boundingRect(contour)
         if max(w, h) < 2 * least_radius or max(w, h) > 2.2 * largest_radius:
             continue
-        if min(w, h) < _FLATTEST * max(w, h) or x < 1 or y < 1 or x + w > width - 1 or y + h > height - 1:
+        if min(w, h) < _FLATTEST * max(w, h) or _cut(contour, width, height, max(w, h)):
             continue
         ellipse = _ellipse_of(contour)
         if ellipse is None:
@@ -166,6 +167,20 @@ def _round_outlines(
             continue
         found.append((centre, shape, _hole(contours, tree, int(tree[k, 2]), centre, shape)))
     return found
+
+
+def _cut(contour: NDArray[np.int32], width: int, height: int, diameter: int) -> bool:
+    """Tell whether the border cuts a part off.
+
+    A whole mark may still cover border pixels by more than half. A chord of length c lies c²/(8R) inside of a
+    circle's outline: beyond a pixel, the mark goes on outside.
+    """
+    x, y = contour[:, 0, 0], contour[:, 0, 1]
+    for along, on_border in ((y, x == 0), (y, x == width - 1), (x, y == 0), (x, y == height - 1)):
+        touching = along[on_border]
+        if len(touching) and (int(touching.max()) - int(touching.min()) + 1) ** 2 > _CHORD * 4.0 * diameter:
+            return True
+    return False
 
 
 def _ellipse_of(contour: NDArray[np.int32]) -> tuple[Array, Array] | None:

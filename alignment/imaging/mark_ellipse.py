@@ -33,7 +33,7 @@ COLUMNS = 19
 _HALF = math.sqrt(0.5)
 _DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 _STEPS = 25
-_CONVERGED = 2e-3  # pixels that the centre still moves; the axes and the blur ten times as much
+_CONVERGED = 5e-3  # pixels that the centre still moves; the axes and the blur ten times as much
 _HUBER = 4.0  # residuals beyond this many RMS weigh less
 _SETTLED = 3  # steps after which the clipping of residuals no longer changes
 _FAR = 3.8  # blurs from the edge where its share is 0 or 1 to 1e-4
@@ -193,8 +193,11 @@ def _normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(n: Array, g: Array, size: int, damping: float, low: Array, step: Array) -> bool:
-    """Solve the damped normal equations by Cholesky; False when they have no solution."""
+def solve_damped(n: Array, g: Array, size: int, damping: float, low: Array, step: Array) -> bool:
+    """Solve damped normal equations by Cholesky; False when they have no solution.
+
+    `n` needs its lower half; `low` takes the factor and `step` the solution, both of at least `size`.
+    """
     for k in range(size):
         for m in range(k + 1):
             total = n[k, m]
@@ -262,12 +265,20 @@ def _centre_covariance(
             s = u0 * u0 + u1 * u1
             if s > band[3] or (s < band[0] and not ring):
                 continue
-            r = float(image[y, x]) - _row(px, py, p, ring, scale, j, dz)
-            r = min(max(r, -clip), clip)
-            ex = ey = 0.0
-            for k in range(size):
-                ex += rows[0, k] * j[k]
-                ey += rows[1, k] * j[k]
+            if s > band[2]:
+                sx, sy = px * scale, py * scale
+                model = p[GROUND] + p[SLOPE_X] * sx + p[SLOPE_Y] * sy
+                ex = rows[0, GROUND] + rows[0, SLOPE_X] * sx + rows[0, SLOPE_Y] * sy
+                ey = rows[1, GROUND] + rows[1, SLOPE_X] * sx + rows[1, SLOPE_Y] * sy
+            elif s < band[1] and not ring:
+                model, ex, ey = p[MARK], rows[0, MARK], rows[1, MARK]
+            else:
+                model = _row(px, py, p, ring, scale, j, dz)
+                ex = ey = 0.0
+                for k in range(size):
+                    ex += rows[0, k] * j[k]
+                    ey += rows[1, k] * j[k]
+            r = min(max(float(image[y, x]) - model, -clip), clip)
             xx += ex * ex * r * r
             xy += ex * ey * r * r
             yy += ey * ey * r * r
@@ -286,6 +297,13 @@ def _sensible(p: Array, start: Array, size: int) -> bool:
     if math.hypot(p[CX] - start[CX], p[CY] - start[CY]) > limit:
         return False
     return size == FULL or 0.02 < p[RATIO] < 0.98
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bands(core: float, reach: float, blur: float, minor: float) -> tuple[float, float, float, float]:
+    """Squares of ρ: pixels in between are used, and between the middle two the edge is near."""
+    away = (_FAR * blur + 0.5) / minor
+    return core, max(1.0 - away, 0.0) ** 2, (1.0 + away) ** 2, reach
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -325,19 +343,18 @@ def fit_ellipses(image: Any, start: Array, ring: NDArray[np.bool_], noise: float
         minor, major = math.sqrt(2.0 / (trace + root)), math.sqrt(2.0 / max(trace - root, 1e-12))
         reach = (1.0 + outside / minor) ** 2
         core = max(1.0 - inside / minor, 0.0) ** 2
-        away = (_FAR * p[BLUR] + 0.5) / minor
-        band = (core, max(1.0 - away, 0.0) ** 2, (1.0 + away) ** 2, reach)
         half = math.ceil(major * (1.0 + outside / minor)) + 1
         x0, x1 = max(int(p[CX]) - half, 0), min(int(p[CX]) + half + 2, width)
         y0, y1 = max(int(p[CY]) - half, 0), min(int(p[CY]) + half + 2, height)
         window = (x0, x1, y0, y1)
         clip = 1e30
         damping = 1e-6
+        band = _bands(core, reach, p[BLUR], minor)
         cost, squares, used = _normal_equations(image, p, size, window, band, clip, n, g)
         steps = 0
         done = False
         for _ in range(_STEPS):
-            if used < 3 * size or not _solve(n, g, size, damping, low, step):
+            if used < 3 * size or not solve_damped(n, g, size, damping, low, step):
                 break
             trial = p.copy()
             for k in range(size):
@@ -355,6 +372,7 @@ def fit_ellipses(image: Any, start: Array, ring: NDArray[np.bool_], noise: float
                 # The clip follows the residuals down, so that a dirty spot stops pulling; then it must stay,
                 # or the fit would chase it.
                 if steps < _SETTLED:
+                    band = _bands(core, reach, trial[BLUR], minor)
                     clip = _HUBER * max(math.sqrt(squares / used), noise)
                     before = math.inf
                 cost, squares, used = _normal_equations(image, trial, size, window, band, clip, n, g)
