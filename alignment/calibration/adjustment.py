@@ -254,18 +254,18 @@ def solve(problem: Problem, state: State, settings: AdjustmentSettings) -> Solut
         When the unknowns are not determined, or the iteration does not end.
     """
     cameras = len(problem.data.cameras)
-    state, at, weights, taken = _minimise(problem, state, settings, None)
+    state, at, weights, taken = minimise(problem, state, settings, None)
     scales = _median_scales(problem, at, cameras)
     redundancy = np.zeros(cameras)
     for _ in range(_SCALE_ROUNDS):
-        weights = _weights(problem, at, scales, settings.outlier_sigma)
+        weights = robust_weights(problem, at, scales, settings.outlier_sigma)
         reduced = normal_equations(problem, state, at, weights / scales[problem.camera] ** 2)
         covariance = _covariance(reduced)
         taken_up = leverages(problem, at, weights / scales[problem.camera] ** 2, reduced, covariance)
         redundancy = np.bincount(problem.camera, 2.0 * weights - taken_up, cameras).astype(np.float64)
         squares = np.bincount(problem.camera, weights * np.square(at.residuals).sum(axis=1), cameras)
         scales = np.maximum(np.sqrt(squares / np.maximum(redundancy, 1.0)), _LEAST_SCALE)
-        state, at, weights, more = _minimise(problem, state, settings, scales)
+        state, at, weights, more = minimise(problem, state, settings, scales)
         taken += more
     reduced = normal_equations(problem, state, at, weights / scales[problem.camera] ** 2)
     covariance = _covariance(reduced)
@@ -275,13 +275,28 @@ def solve(problem: Problem, state: State, settings: AdjustmentSettings) -> Solut
     return Solution(state, at, reduced, weights, scales, redundancy, covariance, condition, taken)
 
 
-def _minimise(
+def minimise(
     problem: Problem, state: State, settings: AdjustmentSettings, scales: Array | None
 ) -> tuple[State, Linearised, Array, int]:
-    """Damped Gauss–Newton; without given noise scales they follow the median residual of each camera.
+    """Damped Gauss–Newton from a working point.
+
+    Parameters
+    ----------
+    scales
+        (C,) noise of each camera over the stated one; None lets it follow the camera's median residual.
+
+    Returns
+    -------
+    state, at, weights, iterations
+        The last working point, the residuals there, the robust weights (N,), the steps taken.
 
     Where unknowns are all but interchangeable (a tilted sensor behind a long lens) it may end in a valley
     without reaching its bottom; the condition tells.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the unknowns are not determined, or the iteration does not end.
     """
     cameras = len(problem.data.cameras)
     at = linearise(problem, state)
@@ -296,7 +311,7 @@ def _minimise(
     enough = _SETTLED if scales is None else _CONVERGED
     for taken in range(settings.iterations):
         here = _median_scales(problem, at, cameras) if scales is None else scales
-        robust = _weights(problem, at, here, settings.outlier_sigma)
+        robust = robust_weights(problem, at, here, settings.outlier_sigma)
         weight = robust / here[problem.camera] ** 2
         reduced = normal_equations(problem, state, at, weight)
         matrix, vector = reduced.schur()
@@ -341,7 +356,7 @@ def _median_scales(problem: Problem, at: Linearised, cameras: int) -> Array:
     return out
 
 
-def _weights(problem: Problem, at: Linearised, scales: Array, cut: float) -> Array:
+def robust_weights(problem: Problem, at: Linearised, scales: Array, cut: float) -> Array:
     """1 up to half of `cut` standard deviations, falling to 0 at `cut`."""
     squares = np.square(at.residuals).sum(axis=1) / scales[problem.camera] ** 2
     whole = (cut / 2.0) ** 2

@@ -38,8 +38,8 @@ MODELS: dict[str, LensKind] = {
     "thin_prism": LensKind("brown", 12, (0, 1, 2, 3, 4, 8, 9, 10, 11)),
     "tilted": LensKind("brown", 14, (0, 1, 2, 3, 4, 12, 13)),
 }
-"""Distortion models by name. ``radial`` is Brown–Conrady with k1 and k2 alone; thin prism and tilt come without
-the rational terms k4 … k6, which together with them leave long valleys of equal fit."""
+"""Distortion models by name. ``radial`` is Brown–Conrady with k1 and k2 alone; thin prism and tilt come
+without the rational terms k4 … k6, which together with them leave long valleys of equal fit."""
 
 _LEAST_SIGMA_MM = 1e-6  # a mark that is taken for exact
 # Weak priors: shares of the radius by which a term moves the image's corner; a sensor's tilt in radians.
@@ -161,7 +161,8 @@ def build_problem(
     priors: Priors,
     *,
     fixed_cameras: frozenset[CameraKey] = frozenset(),
-    fixed_marks: bool = False,
+    fixed_views: bool = False,
+    frame_is_known: bool = False,
 ) -> Problem:
     """Lay out observations and unknowns.
 
@@ -177,8 +178,10 @@ def build_problem(
         Of the stage.
     fixed_cameras
         Cameras that are not estimated.
-    fixed_marks
-        True takes the plate's points for exact.
+    fixed_views
+        True holds the pose of the plate in every view.
+    frame_is_known
+        True when the fixed cameras are the rig frame, so that no hand-held view has to be.
 
     Raises
     ------
@@ -208,11 +211,9 @@ def build_problem(
     in_view = np.concatenate(view).astype(np.int64)
     marks, compressed = np.unique(np.concatenate(mark), return_inverse=True)
     sigma = np.maximum(data.plate.sigma_mm[marks], _LEAST_SIGMA_MM)
-    if fixed_marks:
-        sigma = np.full_like(sigma, _LEAST_SIGMA_MM)
     stage = np.array([np.full(3, np.nan) if v.stage_mm is None else v.stage_mm for v in data.views])
     held = np.isnan(stage[:, 0])
-    fixed_view = 0 if held.all() else -1
+    fixed_view = 0 if held.all() and not frame_is_known else -1
 
     lens = MODELS[model]
     estimated = np.array([*range(POSE + 4), *(POSE + 4 + c for c in lens.estimated)])
@@ -226,7 +227,7 @@ def build_problem(
             size += len(estimated)
     seen_views = np.bincount(in_view, minlength=len(data.views)) > 0
     for v in map(int, np.flatnonzero(seen_views)):
-        if v == fixed_view:
+        if fixed_views or v == fixed_view:
             continue
         if held[v] or priors.view_tilt > 0:
             view_columns[v, :3] = size + np.arange(3)
@@ -234,7 +235,7 @@ def build_problem(
         if held[v] or data.stage_sigma_mm > 0:
             view_columns[v, 3:] = size + np.arange(3)
             size += 3
-    if priors.stage_axes > 0 and data.stage_sigma_mm > 0:
+    if priors.stage_axes > 0 and data.stage_sigma_mm > 0 and not fixed_views:
         axes_columns[:] = size + np.arange(3)
         size += 3
     return Problem(
@@ -317,11 +318,12 @@ def _turn(rotations: Array, columns: Index, step: Array) -> Array:
 
 
 def _shift(values: Array, columns: Index, step: Array) -> Array:
-    return values + np.where(columns >= 0, step[columns], 0.0)
+    return values + step[columns]  # the last element, 0, is that of column −1
 
 
 def advanced(problem: Problem, state: State, step: Array, mark_step: Array) -> State:
     """Return the working point after a step (`size`,) of the unknowns and (M, 3) of the marks."""
+    step = np.append(step, 0.0)
     cameras, views = problem.camera_columns, problem.view_columns
     packed = state.packed.copy()
     packed[:, :4] = _shift(packed[:, :4], cameras[:, 6:10], step)
