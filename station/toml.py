@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TypeVar
 
 from alignment.errors import ConfigurationError
-from sensors.formats.validation import StrictModel, validate
+from sensors.formats.validation import StrictModel, load_toml, validate
 
 M = TypeVar("M", bound=StrictModel)
 
@@ -30,13 +29,4 @@ def read_toml(model: type[M], path: Path, kind: str) -> M:
         When the file is missing, is no TOML (the line is named), or a field is missing, unknown or out of
         range.
     """
-    try:
-        data = tomllib.loads(path.read_text("utf-8-sig"))
-    except OSError as error:
-        seen = "no such file" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
-        raise ConfigurationError(
-            file=path, expected=kind, seen=seen, cure="Check the name and the path"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError(file=path, expected=f"{kind} in TOML", seen=f"an error: {error}") from error
-    return validate(model, data, file=path, error=ConfigurationError)
+    return validate(model, load_toml(path, kind), file=path, error=ConfigurationError)

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from sensors.formats.calibration import Pose
-from sensors.formats.plate import FilePath, PlateDescription, load_toml, read_plate
-from sensors.formats.validation import Name, StrictModel, validate
+from sensors.formats.plate import FilePath, PlateDescription, read_plate
+from sensors.formats.validation import Name, StrictModel, load_toml, validate
 
 
 class GaugePlateEntry(StrictModel):

@@ -5,12 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import math
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from pydantic import Field, model_validator
 from alignment.calibration.observations import Plate
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from sensors.formats.files import read_bytes
-from sensors.formats.validation import Name, StrictModel, validate
+from sensors.formats.validation import Name, StrictModel, load_toml, validate
 
 Array = NDArray[np.float64]
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
@@ -229,31 +228,6 @@ def certified(file: PlateFile, points: Array, sigma_mm: Array, name: str) -> Pla
     content = ("\n".join(lines) + "\n").encode()
     file = file.model_copy(update={"certificate": name})
     return PlateDescription(file, _certified(_nominal(file), file.pitch_mm, content, Path(name)), content)
-
-
-def load_toml(path: Path, kind: str) -> dict[str, Any]:
-    """Read a TOML file as plain values.
-
-    Parameters
-    ----------
-    path
-        The file, UTF-8.
-    kind
-        What it should be, such as "the description of a plate", for the message.
-
-    Raises
-    ------
-    ConfigurationError
-        When it is missing, is not UTF-8, or has an error of syntax (the line is named).
-    """
-    try:
-        return tomllib.loads(read_bytes(path, kind).decode("utf-8-sig"))
-    except FormatError as error:
-        raise ConfigurationError(
-            file=path, expected=error.expected, seen=error.seen, cure=error.cure
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError(file=path, expected=f"{kind} in TOML", seen=f"an error: {error}") from error
 
 
 def _nominal(file: PlateFile) -> Plate:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import tomllib
 import typing
 from collections.abc import Iterable
 from os import PathLike
@@ -17,7 +18,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from alignment.errors import FormatError, InputError
+from alignment.errors import ConfigurationError, FormatError, InputError
 from sensors.formats.files import read_bytes
 
 M = TypeVar("M", bound=BaseModel)
@@ -85,6 +86,31 @@ def load_json(path: Path, kind: str) -> Any:
         raise FormatError(file=path, expected=f"{kind} in JSON", seen=f"an error in {where}") from error
     except (ValueError, RecursionError) as error:
         raise FormatError(file=path, expected=f"{kind} in JSON, UTF-8", seen=str(error)) from error
+
+
+def load_toml(path: Path, kind: str) -> dict[str, Any]:
+    """Read a TOML file as plain values.
+
+    Parameters
+    ----------
+    path
+        The file, UTF-8.
+    kind
+        What it should be, such as "the description of a plate", for the message.
+
+    Raises
+    ------
+    ConfigurationError
+        When it is missing, is not UTF-8, or has an error of syntax (the line is named).
+    """
+    try:
+        return tomllib.loads(read_bytes(path, kind).decode("utf-8-sig"))
+    except FormatError as error:
+        raise ConfigurationError(
+            file=path, expected=error.expected, seen=error.seen, cure=error.cure
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigurationError(file=path, expected=f"{kind} in TOML", seen=f"an error: {error}") from error
 
 
 def validate(

