@@ -1,0 +1,256 @@
+"""What the joint covariance of a rig's cameras means for measured points and for camber and toe.
+
+The errors of a calibration are common to all points of a head: they do not average out over thousands of
+points, so the sensitivity of the whole fit is taken to each camera parameter, not that of each point.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.calibration.projection import INTRINSICS, project_with_derivatives
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
+from alignment.values import HeadCalibration, RigCalibration
+from alignment.vehicle.angles import camber_toe_jacobian
+
+Array = NDArray[np.float64]
+
+_GRID = 24  # points per image row and column of the nominal wheel
+_PROFILE_STEP = 2.0  # mm; knots of the profile that the fit leaves free
+_LEAST_POINTS = 20
+
+
+@dataclass(frozen=True)
+class NominalWheel:
+    """The tyre on which angles are predicted: an annulus around the rig's axis, crowned as sidewalls are.
+
+    Attributes
+    ----------
+    inner_mm, outer_mm
+        Radii between which its points lie; what no head sees of it does not count.
+    crown_mm
+        Height of the middle of the sidewall above its edges.
+    """
+
+    inner_mm: float = 200.0
+    outer_mm: float = 320.0
+    crown_mm: float = 6.0
+
+    def height(self, radius: Array) -> Array:
+        """Height z (N,) at radii (N,), millimetres."""
+        return -self.crown_mm * self._place(radius) ** 2
+
+    def slope(self, radius: Array) -> Array:
+        """Slope dz/dρ (N,) at radii (N,)."""
+        return -4.0 * self.crown_mm * self._place(radius) / (self.outer_mm - self.inner_mm)
+
+    def _place(self, radius: Array) -> Array:
+        middle = 0.5 * (self.inner_mm + self.outer_mm)
+        return (radius - middle) / (0.5 * (self.outer_mm - self.inner_mm))
+
+
+def predict_angle_uncertainty(
+    calibration: RigCalibration, wheel: NominalWheel | None = None
+) -> tuple[float, float]:
+    """Standard uncertainties (camber, toe), radians, that come from the calibration alone.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the calibration has no covariance, or its heads do not see the wheel.
+    """
+    covariance = angle_covariance(calibration, wheel)
+    return math.sqrt(covariance[0, 0]), math.sqrt(covariance[1, 1])
+
+
+def angle_covariance(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
+    """(2, 2) covariance of (camber, toe), radians², from the calibration; errors as
+    `predict_angle_uncertainty`."""
+    sensitivity = angle_sensitivity(calibration, wheel)
+    out: Array = sensitivity @ _covariance(calibration) @ sensitivity.T
+    return out
+
+
+def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
+    """(2, P) change of measured (camber, toe) per change of each camera parameter.
+
+    A wheel point is where the ray of a left pixel meets the right light line, so it moves along the left ray
+    with the right camera's errors along the epipolar line, and with the left ray itself. To the points of all
+    heads a surface of revolution is fitted, its profile free.
+
+    Raises
+    ------
+    DegenerateInputError
+        When a head does not see the wheel.
+    """
+    wheel = wheel or NominalWheel()
+    points, moves = [], []
+    first = 0
+    size = len(calibration.parameter_names)
+    for head in calibration.heads:
+        seen = wheel_points(head, wheel)
+        local = _line_sensitivity(head, seen)
+        at_head = np.zeros((len(seen), 3, size))
+        at_head[:, :, first : first + local.shape[2]] = local
+        first += local.shape[2]
+        points.append(seen)
+        moves.append(at_head)
+    x = np.concatenate(points)
+    radius = np.hypot(x[:, 0], x[:, 1])
+    slope = wheel.slope(radius)
+    outward = x[:, :2] / radius[:, None]
+    normal = np.column_stack([-slope[:, None] * outward, np.ones(len(x))])
+    heights = np.einsum("na,nap->np", normal, np.concatenate(moves))
+    # Unknowns of the fit: slopes of z along x and y, the axis' place, the profile.
+    design = np.column_stack([x[:, 0], x[:, 1], -slope[:, None] * outward, _profile_basis(radius)])
+    # Least norm: where the sidewall is flat, the axis' place has no effect and no value.
+    solution = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=1e-12)[0]
+    normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
+    turn = calibration.vehicle_from_rig.rotation
+    nominal = turn @ np.array([0.0, 0.0, 1.0])
+    out: Array = camber_toe_jacobian(nominal, calibration.side) @ turn @ normal_change
+    return out
+
+
+def point_covariance(calibration: RigCalibration, head: int, points: Array) -> Array:
+    """(N, 3, 3) covariance, millimetres², of points triangulated from both rays, from the calibration alone.
+
+    Parameters
+    ----------
+    calibration
+        With its covariance.
+    head
+        Number of the head that triangulates.
+    points
+        (N, 3) rig frame, millimetres, in front of both cameras.
+
+    Raises
+    ------
+    DegenerateInputError
+        When there is no covariance, or a camera does not see a point.
+    """
+    sizes = [sum(_size(camera) for camera in h.cameras) for h in calibration.heads]
+    rows = slice(sum(sizes[:head]), sum(sizes[: head + 1]))
+    local = _covariance(calibration)[rows, rows]
+    move = _ray_sensitivity(calibration.heads[head], np.asarray(points, dtype=np.float64))
+    out: Array = move @ local @ move.transpose(0, 2, 1)
+    return out
+
+
+def wheel_points(head: HeadCalibration, wheel: NominalWheel) -> Array:
+    """(N, 3) points of a nominal wheel that both cameras of a head see, even over the left image.
+
+    Raises
+    ------
+    DegenerateInputError
+        When there are hardly any.
+    """
+    left = head.left.model
+    u, v = np.meshgrid(np.linspace(0, left.width - 1, _GRID), np.linspace(0, left.height - 1, _GRID))
+    rays = head.left.rays(np.column_stack([u.ravel(), v.ravel()]))
+    origin = head.left.rig_from_camera.translation
+    rays = rays[rays[:, 2] < -0.1]
+    z = np.zeros(len(rays))
+    for _ in range(4):
+        points = origin + ((z - origin[2]) / rays[:, 2])[:, None] * rays
+        z = wheel.height(np.hypot(points[:, 0], points[:, 1]))
+    radius = np.hypot(points[:, 0], points[:, 1])
+    points = points[(radius > wheel.inner_mm) & (radius < wheel.outer_mm)]
+    if len(points):
+        pixels = head.right.project(points)
+        size = np.array([head.right.model.width, head.right.model.height])
+        points = points[((pixels >= 0) & (pixels <= size - 1)).all(axis=1)]
+    if len(points) < _LEAST_POINTS:
+        raise DegenerateInputError(
+            field=head.name,
+            expected=f"a head that sees a wheel with radii {wheel.inner_mm:g} to {wheel.outer_mm:g} mm",
+            seen=f"{len(points)} common points of it",
+            cure="Check the poses of its cameras, and that left and right are not swapped.",
+        )
+    out: Array = points
+    return out
+
+
+def _covariance(calibration: RigCalibration) -> Array:
+    if calibration.covariance is None:
+        raise DegenerateInputError(
+            field="covariance",
+            expected="a calibration with its covariance",
+            seen="none",
+            cure="Calibrate by the joint adjustment.",
+        )
+    return calibration.covariance
+
+
+def _size(camera: PosedCamera) -> int:
+    return 6 + len(camera.model.parameters)
+
+
+def _camera_derivatives(camera: PosedCamera, points: Array) -> tuple[Array, Array]:
+    """(N, 2, 3) derivatives of pixels by the point, rig frame, and (N, 2, P) by the camera's parameters."""
+    rotation = camera.rig_from_camera.rotation
+    inside = camera.rig_from_camera.inverse().apply(points)
+    packed = camera.model.packed()
+    size = _size(camera)
+    by_point, by_camera = np.empty((len(points), 2, 3)), np.empty((len(points), 2, size))
+    local, intrinsics = np.zeros((2, 3)), np.zeros((2, INTRINSICS))
+    for i, (x, y, z) in enumerate(inside):
+        _, _, ok = project_with_derivatives(x, y, z, packed, local, intrinsics)
+        if not ok:
+            raise DegenerateInputError(
+                field="points",
+                expected="points that the camera sees",
+                seen="one behind it or beyond its lens",
+            )
+        by_point[i] = local @ rotation.T
+        by_camera[i, :, :3] = local @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        by_camera[i, :, 3:6] = -by_point[i]
+        by_camera[i, :, 6:] = intrinsics[:, : size - 6]
+    return by_point, by_camera
+
+
+def _ray_sensitivity(head: HeadCalibration, points: Array) -> Array:
+    """(N, 3, P) movement of points triangulated from both rays, per change of the head's parameters."""
+    by_point, by_camera = _stacked(head, points)
+    inverse = np.linalg.inv(by_point.transpose(0, 2, 1) @ by_point)
+    out: Array = -inverse @ by_point.transpose(0, 2, 1) @ by_camera
+    return out
+
+
+def _line_sensitivity(head: HeadCalibration, points: Array) -> Array:
+    """(N, 3, P) movement of points where a left ray meets a right light line across the epipolar lines."""
+    by_point, by_camera = _stacked(head, points)
+    base = head.right.rig_from_camera.translation - head.left.rig_from_camera.translation
+    along = by_point[:, 2:] @ base
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    equations = np.concatenate(
+        [by_point[:, :2], np.einsum("ne,nea->na", along, by_point[:, 2:])[:, None]], axis=1
+    )
+    right = np.concatenate(
+        [by_camera[:, :2], np.einsum("ne,nep->np", along, by_camera[:, 2:])[:, None]], axis=1
+    )
+    out: Array = -np.linalg.solve(equations, right)
+    return out
+
+
+def _stacked(head: HeadCalibration, points: Array) -> tuple[Array, Array]:
+    """(N, 4, 3) and (N, 4, P) derivatives of left and right pixels by the point and by the head's cameras."""
+    (left_point, left), (right_point, right) = (_camera_derivatives(c, points) for c in head.cameras)
+    by_camera = np.zeros((len(points), 4, left.shape[2] + right.shape[2]))
+    by_camera[:, :2, : left.shape[2]] = left
+    by_camera[:, 2:, left.shape[2] :] = right
+    return np.concatenate([left_point, right_point], axis=1), by_camera
+
+
+def _profile_basis(radius: Array) -> Array:
+    """(N, K) piecewise linear basis over the radius."""
+    low, high = radius.min(), radius.max()
+    count = max(2, math.ceil((high - low) / _PROFILE_STEP) + 1)
+    place = (radius - low) / (high - low) * (count - 1)
+    out: Array = np.maximum(1.0 - np.abs(place[:, None] - np.arange(count)), 0.0)
+    return out
