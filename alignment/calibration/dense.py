@@ -7,10 +7,10 @@ process wants a core; these loops take milliseconds whatever else runs.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

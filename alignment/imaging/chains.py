@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.imaging.ridges import STRENGTH, X, Y
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

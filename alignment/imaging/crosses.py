@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

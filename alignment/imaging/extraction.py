@@ -6,19 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import config, njit, prange
 from numpy.typing import NDArray
 
 from alignment.imaging import chains, ridges
 from alignment.imaging.crosses import find_crosses
 from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y
+from alignment.kernels import njit, prange
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-# OpenMP first: several threads of the station may call at once, which numba's own layer forbids, and other
-# libraries bring versions of TBB that numba warns about.
-config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # type: ignore[attr-defined]
 
 #: Columns of the point table: place, unit tangent, deviation across the line, strength.
 POINT_X, POINT_Y, TANGENT_X, TANGENT_Y, SIGMA, POINT_STRENGTH = range(6)
@@ -34,7 +30,9 @@ _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
 _COARSE = 4  # rows between scanned rows where a direction cannot be matched
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
-_DISTURBED = 3.0  # line widths within which another line disturbs a centre
+_GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
+_FILTER = 1.4  # of the line's deviation: near the optimum for shot noise, and good for read noise
+_DISTURBED = 4.0  # line widths within which another line disturbs a centre
 _SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _QUANTISATION = math.sqrt(1.0 / 12.0)
 _MEAN_OF_MODULUS = math.sqrt(2.0 / math.pi)
@@ -113,13 +111,15 @@ def _take(table: Array, rows: Index) -> Array:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _trace(image: Any, width: float, contrast: float, step: int) -> tuple[Array, Index, Array]:
     """Chains of one scan direction: ridge table in chain order, first row of each, slopes."""
-    weights = ridges.derivative_weights(min(max(0.9 * width, 1.0), 6.0))
+    weights = ridges.derivative_weights(min(max(_FILTER * width, 1.0), 9.0))
     table, rows = ridges.scan_rows(image, max(2, round(1.6 * width)), weights, contrast, step)
     shortest = max(12.0, 4.0 * width)
     gap = max(6.0, 3.0 * width)
     order, starts = ridges.link_rows(
-        table, rows, step, 1.0, math.ceil(gap / step), max(4, int(shortest / step))
+        table, rows, step, _GATE, math.ceil(gap / step), max(4, int(shortest / step))
     )
+    # A crossing line may hide the ridge for several widths.
+    order, starts = ridges.join_chains(table, order, starts, 12.0 * width + 4.0 * step, _GATE)
     linked = _take(table, order)
     return linked, starts, chains.chain_slopes(linked, starts)
 

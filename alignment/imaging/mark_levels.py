@@ -11,7 +11,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -20,6 +19,7 @@ from alignment.imaging.edges import find_edges
 from alignment.imaging.ellipses import fit_ellipse, refine_ellipse
 from alignment.imaging.mark_ellipse import solve_damped
 from alignment.imaging.thresholds import Threshold, p_tile
+from alignment.kernels import njit
 from alignment.values import Image
 
 Array = NDArray[np.float64]

@@ -11,8 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,8 @@ X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
 COLUMNS = 5
 _MAX_PER_ROW = 192
 _BLOCK = 32
+_PULLED = 6  # points at a chain's end that a crossing line may have pulled aside
+_MEMORY = 16  # points over which a chain's direction is taken
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -213,6 +216,7 @@ def link_rows(
     follower = np.full(n, -1, np.int64)
     is_head = np.ones(n, np.bool_)
     tail = np.empty(256, np.int64)  # last point of each open chain
+    anchor = np.empty(256, np.int64)  # a point some way back: the slope between both outlives a crossing
     slope = np.empty(256)
     length = np.empty(256, np.int64)
     open_chains = 0
@@ -226,7 +230,7 @@ def link_rows(
             last = tail[c]
             dy = float(j * step) - table[last, Y]
             expected = table[last, X] + slope[c] * dy
-            width = gate * (1.0 + 0.3 * (dy / step - 1.0))
+            width = gate * (1.0 + 0.1 * (dy / step - 1.0))
             if length[c] < 4:
                 width += step
             best, best_distance = -1, width
@@ -250,20 +254,22 @@ def link_rows(
                 last = tail[c]
                 follower[last] = i
                 is_head[i] = False
-                now = (table[i, X] - table[last, X]) / (table[i, Y] - table[last, Y])
-                keep = 0.8 if length[c] >= 4 else 0.4
-                slope[c] = now if length[c] == 1 else keep * slope[c] + (1.0 - keep) * now
                 tail[c] = i
                 length[c] += 1
+                if length[c] > _MEMORY:
+                    anchor[c] = follower[anchor[c]]
+                a = anchor[c]
+                slope[c] = (table[i, X] - table[a, X]) / (table[i, Y] - table[a, Y])
         kept = 0
         for c in range(open_chains):
             if float(j * step) - table[tail[c], Y] <= gap * step:
                 tail[kept], slope[kept], length[kept] = tail[c], slope[c], length[c]
+                anchor[kept] = anchor[c]
                 kept += 1
         open_chains = kept
         for i in range(lo, hi):
             if taken[i - lo] < 0 and open_chains < tail.size:
-                tail[open_chains] = i
+                tail[open_chains] = anchor[open_chains] = i
                 slope[open_chains] = 0.0
                 length[open_chains] = 1
                 open_chains += 1
@@ -287,3 +293,81 @@ def link_rows(
             chains += 1
             chain_starts[chains] = m
     return order[:m], chain_starts[: chains + 1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _end_line(
+    table: Array, order: NDArray[np.int64], first: int, last: int, head: bool
+) -> tuple[float, float]:
+    """Straight line x = a + b (y − y_end) at one end of a chain, from points a little way in: a, b."""
+    n = last - first
+    inner = min(_PULLED, max(0, n // 2 - 2))
+    outer = min(inner + _MEMORY, n)
+    end = order[first] if head else order[last - 1]
+    sy = sx = syy = sxy = 0.0
+    for k in range(inner, outer):
+        i = order[first + k] if head else order[last - 1 - k]
+        dy = table[i, Y] - table[end, Y]
+        sy += dy
+        sx += table[i, X]
+        syy += dy * dy
+        sxy += dy * table[i, X]
+    m = outer - inner
+    det = m * syy - sy * sy
+    if m < 2 or not det > 0.0:
+        return table[end, X], 0.0
+    b = (m * sxy - sy * sx) / det
+    return (sx - b * sy) / m, b
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def join_chains(
+    table: Array, order: NDArray[np.int64], starts: NDArray[np.int64], reach: float, gate: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Join chains that a crossing line has cut: an end and a start that lie on one straight line.
+
+    Parameters
+    ----------
+    table, order, starts
+        Ridge points and chains of `link_rows`.
+    reach
+        Longest gap, pixels.
+    gate
+        Largest distance between the two lines in the middle of the gap, pixels.
+    """
+    count = starts.size - 1
+    following = np.full(count, -1, np.int64)
+    preceded = np.zeros(count, np.bool_)
+    head = np.empty((count, 2))
+    tail = np.empty((count, 2))
+    for c in range(count):
+        head[c, 0], head[c, 1] = _end_line(table, order, starts[c], starts[c + 1], True)
+        tail[c, 0], tail[c, 1] = _end_line(table, order, starts[c], starts[c + 1], False)
+    for c in range(count):
+        end = table[order[starts[c + 1] - 1], Y]
+        best, best_distance = -1, gate
+        for d in range(count):
+            gap = table[order[starts[d]], Y] - end
+            if preceded[d] or not 0.0 < gap <= reach:
+                continue
+            distance = abs(tail[c, 0] + 0.5 * gap * tail[c, 1] - head[d, 0] + 0.5 * gap * head[d, 1])
+            if distance < best_distance:
+                best, best_distance = d, distance
+        if best >= 0:
+            following[c] = best
+            preceded[best] = True
+    joined = np.empty_like(order)
+    joined_starts = np.zeros(count + 1, np.int64)
+    n = chains = 0
+    for c in range(count):
+        if preceded[c]:
+            continue
+        d = c
+        while d >= 0:
+            for k in range(starts[d], starts[d + 1]):
+                joined[n] = order[k]
+                n += 1
+            d = following[d]
+        chains += 1
+        joined_starts[chains] = n
+    return joined, joined_starts[: chains + 1]

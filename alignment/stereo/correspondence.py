@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.imaging.lines import LEAST_SINE, LightLines
+from alignment.kernels import njit
 from alignment.stereo.rectification import Rectification
 from alignment.values import HeadCalibration
 

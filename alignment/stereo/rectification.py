@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.distortion import unproject_pixel
+from alignment.kernels import njit
 from alignment.values import RigCalibration
 
 Array = NDArray[np.float64]

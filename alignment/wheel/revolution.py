@@ -11,17 +11,17 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solveh_banded
 
 from alignment.errors import DegenerateInputError
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
-_TUKEY = 4.685
+_TUKEY = 3.5  # in robust standard deviations; small, because letters and ring edges are not noise
 _CENTRE_PRIOR = 30.0  # mm; keeps the axis position finite on a flat sidewall
 _STIFFNESS = 1e-4  # of the profile, relative to the points' weight
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
@@ -156,25 +156,34 @@ def _rows(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _normal_equations(
-    values: Array, weight: Array, jacobian: Array, first: Index, size: int
-) -> tuple[Array, Array]:
-    matrix = np.zeros((size, size))
-    vector = np.zeros(size)
+    values: Array, weight: Array, jacobian: Array, first: Index, knots: int
+) -> tuple[Array, Array, Array, Array]:
+    """Axis block (4, 4), axis–profile block (4, K), lower band (4, K) of the profile block, right side."""
+    corner = np.zeros((AXIS, AXIS))
+    side = np.zeros((knots, AXIS))
+    band = np.zeros((knots, 4))
+    right = np.zeros(AXIS + knots)
     for i in range(values.size):
         w = weight[i]
         if w <= 0.0:
             continue
-        k = 4 + first[i]
-        for a in range(8):
-            ja = w * jacobian[i, a]
-            row = a if a < 4 else k + a - 4
-            vector[row] -= ja * values[i]
-            for b in range(a, 8):
-                matrix[row, b if b < 4 else k + b - 4] += ja * jacobian[i, b]
-    for a in range(size):
+        k, row = first[i], jacobian[i]
+        for a in range(AXIS):
+            wa = w * row[a]
+            right[a] -= wa * values[i]
+            for b in range(a + 1):
+                corner[a, b] += wa * row[b]
+        for a in range(4):
+            wa = w * row[AXIS + a]
+            right[AXIS + k + a] -= wa * values[i]
+            for b in range(AXIS):
+                side[k + a, b] += wa * row[b]
+            for b in range(a + 1):
+                band[k + b, a - b] += wa * row[AXIS + b]
+    for a in range(AXIS):
         for b in range(a):
-            matrix[a, b] = matrix[b, a]
-    return matrix, vector
+            corner[b, a] = corner[a, b]
+    return corner, side.T.copy(), band.T.copy(), right
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -238,7 +247,7 @@ def fit_revolution(
     normal: Array,
     centre: Array,
     *,
-    knot_step: float = 2.0,
+    knot_step: float = 1.0,
     scale_floor: float = 0.3,
 ) -> RevolutionFit:
     """Fit axis and profile to points on a wheel.
@@ -273,12 +282,11 @@ def fit_revolution(
     # A rough profile on few points first, then the fine one, at last on all points.
     for thin, step, first_cut, iterations, settled in (
         (max(1, n // 2000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
-        (max(1, n // 4000), knot_step, 1.0, 6, 20.0 * _SETTLED),
-        (1, 0.0, 1.0, 6, _SETTLED),
+        (max(1, n // 4000), 2.0 * knot_step, 1.0, 6, 20.0 * _SETTLED),
+        (1, knot_step, 1.0, 6, _SETTLED),
     ):
         data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
-        if step:
-            _respline(state, data, step)
+        _respline(state, data, step)
         before = np.inf
         for iteration in range(iterations):
             scale = data.weigh(state, _TUKEY * (first_cut if iteration < 3 else 1.0), scale_floor)
@@ -303,18 +311,18 @@ def fit_revolution(
 
 def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     """(2, 2) covariance of the two tilts, by the sandwich over clusters."""
-    matrix, _ = _system(state, data)
-    inverse = np.linalg.inv(matrix)
+    system = _system(state, data)
+    size = len(system.right)
     gradients = _cluster_gradients(
-        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, len(matrix)
+        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, size
     )
-    half = gradients @ inverse[:, :2]
+    half = gradients @ system.solve(np.eye(size, 2))
     used = len(np.unique(cluster[data.weight > 0]))
     # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
     root = np.sqrt(data.tukey)
     information = float((root * (5.0 * root - 4.0))[root > 0].sum() / data.tukey.sum())
     # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
-    freedom = used / max(used - len(matrix), 0.2 * used)
+    freedom = used / max(used - size, 0.2 * used)
     covariance: Array = half.T @ half * freedom / max(information, 0.3) ** 2
     return covariance
 
@@ -399,31 +407,55 @@ def _weigh(
     return scale
 
 
-def _system(state: _State, data: _Data) -> tuple[Array, Array]:
+@dataclass(frozen=True, eq=False)
+class _Arrow:
+    """Normal equations with the shape of an arrow: a full block of the axis, a band of the profile."""
+
+    corner: Array
+    side: Array
+    band: Array
+    right: Array
+
+    def solve(self, right: Array) -> Array:
+        """Solve for right sides (4 + K, m), by the Schur complement of the profile."""
+        both = np.concatenate([self.side.T, right[AXIS:]], axis=1)
+        try:
+            folded = solveh_banded(self.band, both, lower=True, check_finite=False)
+            schur = self.corner - self.side @ folded[:, :AXIS]
+            axis = np.linalg.solve(schur, right[:AXIS] - self.side @ folded[:, AXIS:])
+        except np.linalg.LinAlgError as error:
+            raise DegenerateInputError(
+                field="points", expected="points that determine an axis", seen="a singular fit"
+            ) from error
+        return np.concatenate([axis, folded[:, AXIS:] - folded[:, :AXIS] @ axis])
+
+
+def _system(state: _State, data: _Data) -> _Arrow:
     """Normal equations with a weak prior on the axis position and a weak pull to a smooth profile."""
-    size = AXIS + len(state.profile)
-    matrix: Array
-    vector: Array
-    matrix, vector = _normal_equations(data.values, data.weight, data.jacobian, data.first, size)
-    matrix[2, 2] += _CENTRE_PRIOR**-2
-    matrix[3, 3] += _CENTRE_PRIOR**-2
-    profile = slice(AXIS, size)
-    second = np.diff(np.eye(len(state.profile)), 2, axis=0)
-    stiffness = _STIFFNESS * float(np.trace(matrix[profile, profile])) / len(state.profile) + 1e-12
-    matrix[profile, profile] += stiffness * second.T @ second
-    vector[profile] -= stiffness * second.T @ (second @ state.profile)
-    return matrix, vector
+    knots = len(state.profile)
+    corner, side, band, right = _normal_equations(data.values, data.weight, data.jacobian, data.first, knots)
+    corner[2, 2] += _CENTRE_PRIOR**-2
+    corner[3, 3] += _CENTRE_PRIOR**-2
+    stiffness = _STIFFNESS * float(band[0].mean()) + 1e-12
+    # The band of DᵀD, D the second difference: 1 −2 1 along each row.
+    band[0, :-2] += stiffness
+    band[0, 1:-1] += 4.0 * stiffness
+    band[0, 2:] += stiffness
+    band[1, :-2] -= 2.0 * stiffness
+    band[1, 1:-1] -= 2.0 * stiffness
+    band[2, :-2] += stiffness
+    second = np.diff(state.profile, 2)
+    pull = right[AXIS:]
+    pull[:-2] -= stiffness * second
+    pull[1:-1] += 2.0 * stiffness * second
+    pull[2:] -= stiffness * second
+    return _Arrow(corner, side, band, right)
 
 
 def _step(state: _State, data: _Data) -> Array:
     """One Gauss–Newton step of the working point; returns the change of the unknowns."""
-    matrix, vector = _system(state, data)
-    try:
-        delta: Array = cho_solve(cho_factor(matrix), vector)
-    except np.linalg.LinAlgError as error:
-        raise DegenerateInputError(
-            field="points", expected="points that determine an axis", seen="a singular fit"
-        ) from error
+    system = _system(state, data)
+    delta: Array = system.solve(system.right[:, None])[:, 0]
     delta[:2] = np.clip(delta[:2], -0.1, 0.1)
     delta[2:4] = np.clip(delta[2:4], -20.0, 20.0)
     e1, e2, normal = state.frame

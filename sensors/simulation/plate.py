@@ -14,12 +14,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from alignment.calibration.observations import Plate
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.kernels import njit
 from alignment.values import Image
 from sensors.camera import CameraSettings
 from sensors.simulation.optics import Optics, Samples, develop, integrate
