@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.calibration.prediction import angle_covariance
 from alignment.errors import DegenerateInputError
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import Candidates, match_lines
@@ -277,10 +279,11 @@ def _evaluate(
     if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
         return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
     turn = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation @ tilt_axes.T
+    noise = turn @ covariance @ turn.T
     return WheelMeasurement(
         camber=camber,
         toe=toe,
-        angle_covariance=turn @ covariance @ turn.T,
+        angle_covariance=noise + _from_calibration(calibration),
         normal=normal,
         centre=centre,
         offset_mm=float(centre @ normal),
@@ -290,6 +293,17 @@ def _evaluate(
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
     )
+
+
+@lru_cache(maxsize=16)
+def _from_calibration(calibration: RigCalibration) -> Array:
+    """(2, 2) covariance of the angles by that of the cameras, on a nominal wheel; zero where it is unknown.
+
+    The share of a calibration hardly depends on the wheel, so it is computed once for each.
+    """
+    if calibration.covariance is None:
+        return np.zeros((2, 2))
+    return angle_covariance(calibration)
 
 
 def _rms(residuals: Array, weights: Array, mask: NDArray[np.bool_]) -> float:
