@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.calibration.faugeras import calibrate_faugeras
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations
+from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, Plate
 from alignment.calibration.planar import calibrate_planar, fit_homography, pose_of_plane
 from alignment.calibration.problem import MODELS
 from alignment.errors import DegenerateInputError
@@ -128,7 +128,7 @@ def _propagate(
 ) -> None:
     """Fill in the poses that follow from known ones, camera by view by camera."""
     relative = {
-        (v, key): _camera_from_plate(data, models[key], seen)
+        (v, key): camera_from_plate(data.plate, models[key], seen)
         for v, view in enumerate(data.views)
         for key, seen in view.observations.items()
         if len(seen.marks) >= _LEAST_MARKS
@@ -136,13 +136,13 @@ def _propagate(
     progress = True
     while progress:
         progress = False
-        for (v, key), camera_from_plate in relative.items():
+        for (v, key), pose in relative.items():
             rig_from_plate = views[v]
             if key in cameras and rig_from_plate is None:
-                views[v] = cameras[key].rig_from_camera @ camera_from_plate
+                views[v] = cameras[key].rig_from_camera @ pose
                 progress = True
             elif key not in cameras and rig_from_plate is not None:
-                cameras[key] = PosedCamera(models[key], rig_from_plate @ camera_from_plate.inverse())
+                cameras[key] = PosedCamera(models[key], rig_from_plate @ pose.inverse())
                 progress = True
     lost = [f"camera {key[0]} {key[1]}" for key in data.cameras if key not in cameras]
     lost += [f"view {view.name}" for view, pose in zip(data.views, views, strict=True) if pose is None]
@@ -155,8 +155,14 @@ def _propagate(
         )
 
 
-def _camera_from_plate(data: CalibrationInput, model: CameraModel, seen: MarkObservations) -> RigidTransform:
-    """Pose of the plate in a camera of known lens from one view."""
+def camera_from_plate(plate: Plate, model: CameraModel, seen: MarkObservations) -> RigidTransform:
+    """Pose of the plate in a camera of known lens from one view, linearly.
+
+    Raises
+    ------
+    DegenerateInputError
+        For fewer than four marks, or marks on one line.
+    """
     undistorted = model.normalise(seen.pixels)
-    homography = fit_homography(data.plate.points[seen.marks][:, :2], undistorted)
+    homography = fit_homography(plate.points[seen.marks][:, :2], undistorted)
     return pose_of_plane(np.eye(3), homography)
