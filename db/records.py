@@ -61,6 +61,20 @@ class Severity(enum.StrEnum):
     ERROR = "error"
 
 
+class CheckKind(enum.StrEnum):
+    """What a calibration was compared with."""
+
+    PLATE_SESSION = "plate_session"
+    MASTER_WHEEL = "master_wheel"
+
+
+class CheckOutcome(enum.StrEnum):
+    """Whether a calibration was found within its tolerance."""
+
+    WITHIN = "within"
+    OUT = "out"
+
+
 def _check_values(record: Any) -> None:
     """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
     for item in fields(record):
@@ -89,6 +103,14 @@ def _check_values(record: Any) -> None:
 
 def _is_container(value: object) -> bool:
     return isinstance(value, (tuple, Mapping)) or is_dataclass(value)
+
+
+def _as_read_back(name: str, document: Mapping[str, Any]) -> Any:
+    """The JSON document as the database gives it back: lists for tuples, text for every key."""
+    try:
+        return json.loads(json.dumps(document, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise InputError(field=name, expected="a JSON document", seen=str(error)) from error
 
 
 @dataclass(frozen=True)
@@ -303,14 +325,45 @@ class CalibrationRecord:
 
     def __post_init__(self) -> None:
         _check_values(self)
-        try:
-            text = json.dumps(self.document, allow_nan=False)
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                field="CalibrationRecord.document", expected="a JSON document", seen=str(error)
-            ) from error
-        # As it reads back: lists for tuples, text for every key.
-        object.__setattr__(self, "document", json.loads(text))
+        object.__setattr__(self, "document", _as_read_back("CalibrationRecord.document", self.document))
+
+
+@dataclass(frozen=True)
+class CalibrationCheckRecord:
+    """What a plate session or a master wheel said of a calibration.
+
+    Attributes
+    ----------
+    utc
+        When the images were taken.
+    calibration_id
+        The calibration in force afterwards; recorded before the check is written.
+    kind, outcome, reason
+        What it was compared with, whether it was within tolerance, and the sentence that says so.
+    as_found
+        Figures of the calibration that was in force before, a JSON document; None for a rig's first one.
+    as_left
+        Figures of the calibration in force afterwards; None when nothing was changed.
+    predecessor_id
+        The calibration that this one replaced: `as_found` is its.
+    """
+
+    utc: datetime
+    calibration_id: str
+    kind: CheckKind
+    outcome: CheckOutcome
+    reason: str
+    as_found: Mapping[str, Any] | None = None
+    as_left: Mapping[str, Any] | None = None
+    predecessor_id: str | None = None
+    uuid: UUID = field(default_factory=uuid4)
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+        for name in ("as_found", "as_left"):
+            figures = getattr(self, name)
+            if figures is not None:
+                object.__setattr__(self, name, _as_read_back(f"CalibrationCheckRecord.{name}", figures))
 
 
 @dataclass(frozen=True)

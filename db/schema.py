@@ -31,7 +31,7 @@ from sqlalchemy import (
     Uuid,
 )
 
-from db.records import CycleOutcome, Severity, Verdict, WheelOutcome
+from db.records import CheckKind, CheckOutcome, CycleOutcome, Severity, Verdict, WheelOutcome
 
 NAMING_CONVENTION = {
     "pk": "pk_%(table_name)s",
@@ -134,6 +134,33 @@ calibrations = Table(
     _check("validity", "valid_until_utc > valid_from_utc"),
     # Serves "the calibrations of one rig, newest first".
     Index(None, "rig", "valid_from_utc"),
+)
+
+calibration_checks = Table(
+    "calibration_checks",
+    metadata,
+    _id(),
+    Column("uuid", Uuid, nullable=False),
+    Column("calibration_id", ForeignKey(calibrations.c.id), nullable=False),
+    Column("predecessor_id", ForeignKey(calibrations.c.id)),
+    Column("utc", UtcDateTime, nullable=False),
+    _choice("kind", CheckKind),
+    _choice("outcome", CheckOutcome),
+    Column("reason", Text, nullable=False),
+    Column("as_found", JSON(none_as_null=True)),
+    Column("as_left", JSON(none_as_null=True)),
+    Column("stored_utc", UtcDateTime, nullable=False),
+    # Serves the refusal to store one check twice.
+    UniqueConstraint("uuid"),
+    _check("reason_not_empty", "reason <> ''"),
+    _check("has_figures", "as_found IS NOT NULL OR as_left IS NOT NULL"),
+    _check(
+        "successor_has_both",
+        "predecessor_id IS NULL OR (as_found IS NOT NULL AND as_left IS NOT NULL"
+        " AND predecessor_id <> calibration_id)",
+    ),
+    # Serves "the last good check of this calibration".
+    Index(None, "calibration_id", "utc"),
 )
 
 cycles = Table(

@@ -20,6 +20,7 @@ from db.failures import store_errors
 from db.migrate import check_revision, require_file, revision_of, upgrade
 from db.records import (
     AxleRecord,
+    CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
     EventRecord,
@@ -31,6 +32,7 @@ from db.records import (
 )
 from db.schema import (
     axle_results,
+    calibration_checks,
     calibrations,
     cycles,
     events,
@@ -153,12 +155,44 @@ class ResultStore:
 
     def record_calibration(self, record: CalibrationRecord) -> None:
         """Store a calibration; the same again changes nothing, another one of the same id is refused."""
-        values = _flat_values(record) | {"stored_utc": self._now()}
         with self._transaction(writes=True) as connection:
-            if _insert_once(connection, calibrations, "id", values) is None:
-                self._require_same(
-                    "calibration", record.id, _read_calibration(connection, record.id) == record
-                )
+            self._write_calibration(connection, record)
+
+    def _write_calibration(self, connection: Connection, record: CalibrationRecord) -> None:
+        values = _flat_values(record) | {"stored_utc": self._now()}
+        if _insert_once(connection, calibrations, "id", values) is None:
+            self._require_same("calibration", record.id, _read_calibration(connection, record.id) == record)
+
+    def record_check(self, record: CalibrationCheckRecord) -> None:
+        """Store a check; the same again changes nothing, another one of the same UUID is refused."""
+        with self._transaction(writes=True) as connection:
+            self._write_check(connection, record)
+
+    def accept_calibration(self, record: CalibrationRecord, check: CalibrationCheckRecord) -> None:
+        """Store a calibration together with its figures as found and as left: both or neither.
+
+        Raises
+        ------
+        StoreError
+            Also when the check is of another calibration.
+        """
+        if check.calibration_id != record.id:
+            raise StoreError(
+                f"database {self._where}: expected a check of calibration {record.id}, found one of"
+                f" {check.calibration_id}"
+            )
+        with self._transaction(writes=True) as connection:
+            self._write_calibration(connection, record)
+            self._write_check(connection, check)
+
+    def _write_check(self, connection: Connection, record: CalibrationCheckRecord) -> None:
+        values = _flat_values(record) | {"stored_utc": self._now()}
+        if _insert_once(connection, calibration_checks, "uuid", values) is None:
+            query = select(calibration_checks).where(calibration_checks.c.uuid == record.uuid)
+            row = connection.execute(query).mappings().one()
+            self._require_same(
+                "calibration check", record.uuid, _record(CalibrationCheckRecord, row) == record
+            )
 
     def record_event(self, record: EventRecord) -> None:
         """Store an event; the same again changes nothing, another one of the same UUID is refused."""
@@ -205,6 +239,34 @@ class ResultStore:
         """The calibration of this id, or None."""
         with self._transaction() as connection:
             return _read_calibration(connection, calibration_id)
+
+    def calibration_in_force(self, rig: str, at_utc: datetime) -> CalibrationRecord | None:
+        """The newest calibration of a rig that is valid at a time, or None.
+
+        A newer one ends the validity of all before it, so when the newest has ended there is none.
+        """
+        query = (
+            select(calibrations)
+            .where(calibrations.c.rig == rig, calibrations.c.valid_from_utc <= at_utc)
+            .order_by(calibrations.c.valid_from_utc.desc(), calibrations.c.stored_utc.desc())
+            .limit(1)
+        )
+        with self._transaction() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        found = None if row is None else _record(CalibrationRecord, row)
+        ended = found is not None and found.valid_until_utc is not None and found.valid_until_utc <= at_utc
+        return None if ended else found
+
+    def calibration_checks(self, calibration_id: str) -> tuple[CalibrationCheckRecord, ...]:
+        """All checks of a calibration, in the order of their times."""
+        query = (
+            select(calibration_checks)
+            .where(calibration_checks.c.calibration_id == calibration_id)
+            .order_by(calibration_checks.c.utc, calibration_checks.c.id)
+        )
+        with self._transaction() as connection:
+            rows = connection.execute(query).mappings()
+            return tuple(_record(CalibrationCheckRecord, row) for row in rows)
 
     def recent_events(self, n: int) -> tuple[EventRecord, ...]:
         """The last `n` events that were stored, newest first."""

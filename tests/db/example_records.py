@@ -7,7 +7,10 @@ from uuid import UUID, uuid4
 
 from db.records import (
     AxleRecord,
+    CalibrationCheckRecord,
     CalibrationRecord,
+    CheckKind,
+    CheckOutcome,
     CycleOutcome,
     CycleRecord,
     VehicleAnglesRecord,
@@ -22,6 +25,18 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 CALIBRATION = CalibrationRecord(
     id="cal-2026-11", rig="front_left", valid_from_utc=NOON, document={"schema": "calibration", "fx": 2.5e3}
 )
+
+
+def check(calibration_id: str = CALIBRATION.id, **changes: Any) -> CalibrationCheckRecord:
+    values: dict[str, Any] = {
+        "utc": NOON,
+        "calibration_id": calibration_id,
+        "kind": CheckKind.PLATE_SESSION,
+        "outcome": CheckOutcome.WITHIN,
+        "reason": "all cameras within tolerance",
+        "as_found": {"residual_rms_px": 0.031},
+    }
+    return CalibrationCheckRecord(**(values | changes))
 
 
 def wheel(name: str = "front_left", **changes: Any) -> WheelRecord:

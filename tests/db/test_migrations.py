@@ -117,24 +117,32 @@ def test_an_older_database_is_refused_with_the_command_that_cures_it(
     database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     migrate(database_url)
-    monkeypatch.setattr(db.migrate, "_revisions", lambda: ["0001", "0002"])
+    current = head_revision()
+    monkeypatch.setattr(db.migrate, "_revisions", lambda: [current, "9999"])
     with pytest.raises(StoreSchemaError) as caught:
         ResultStore(database_url).open()
-    assert "has revision 0001, older than revision 0002" in str(caught.value)
+    assert f"has revision {current}, older than revision 9999" in str(caught.value)
     assert "Run `truewheel db migrate --database" in str(caught.value)
 
 
-def test_a_downgrade_is_refused_with_the_reason(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_downgrade_is_refused_with_the_reason(database_url: str) -> None:
     migrate(database_url)
-    run(database_url, "UPDATE alembic_version SET version_num = '0002'")
-    monkeypatch.setattr(db.migrate, "_revisions", lambda: ["0001", "0002"])
     with pytest.raises(StoreSchemaError, match=r"would drop stored results\. Restore the backup"):
         migrate(database_url, "0001")
-    assert current_revision(database_url) == "0002"
+    assert current_revision(database_url) == head_revision()
+
+
+def test_a_database_of_the_first_revision_keeps_its_rows_when_migrated(
+    database_url: str, open_store: Callable[..., ResultStore]
+) -> None:
+    migrate(database_url, "0001")
+    run(database_url, "INSERT INTO vehicles (vin, vehicle_type) VALUES ('TRUEWHEEL00000001', 'compact')")
+    assert migrate(database_url) == head_revision()
+    assert open_store(database_url, create=False).counts()["vehicles"] == 1
 
 
 def test_an_unknown_target_is_refused(sqlite_url: str) -> None:
-    with pytest.raises(StoreSchemaError, match="expected one of the revisions 0001, found 'latest'"):
+    with pytest.raises(StoreSchemaError, match=r"expected one of the revisions 0001, .*found 'latest'"):
         migrate(sqlite_url, "latest")
 
 

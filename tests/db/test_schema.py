@@ -13,9 +13,18 @@ from sqlalchemy.exc import DBAPIError, IntegrityError
 
 from db.engine import make_engine, parse_url
 from db.records import CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
-from db.schema import axle_results, calibrations, cycles, metadata, vehicle_results, vehicles, wheel_results
+from db.schema import (
+    axle_results,
+    calibration_checks,
+    calibrations,
+    cycles,
+    metadata,
+    vehicle_results,
+    vehicles,
+    wheel_results,
+)
 from db.store import ResultStore, _flat_values
-from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
+from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, check, cycle, refused_wheel, wheel
 
 TABLES = sorted(metadata.tables)
 
@@ -30,6 +39,7 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             url = stack.enter_context(request.getfixturevalue("postgres_server").database())
         with ResultStore(url, create=True) as store:
             store.record_calibration(CALIBRATION)
+            store.record_check(check())
             store.write_cycle(cycle())
             store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
         engine = make_engine(parse_url(url), timeout_s=5.0)
@@ -118,6 +128,10 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
         {"verdict": Verdict.OK, "guard_band": False, "coverage_factor": 2.0, "thrust_angle_low": 0.1},
     ),
     (calibrations, "validity", {"valid_until_utc": NOON}),
+    (calibration_checks, "has_figures", {"as_found": None}),
+    (calibration_checks, "reason_not_empty", {"reason": ""}),
+    (calibration_checks, "successor_has_both", {"predecessor_id": CALIBRATION.id, "as_left": {}}),
+    (calibration_checks, "successor_has_both", {"predecessor_id": "cal-older"}),
     (vehicles, "vin_not_empty", {"vin": "", "vehicle_type": "compact"}),
 ]
 COMPLETE: dict[Table, dict[str, Any]] = {
@@ -126,6 +140,7 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     axle_results: _flat_values(axle()),
     vehicle_results: _flat_values(ANGLES),
     calibrations: _flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
+    calibration_checks: _flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     vehicles: {},
 }
 

@@ -61,6 +61,7 @@ def test_a_good_vehicle_reads_back_equal_with_its_commit_time(
         "axle_results": 2,
         "vehicle_results": 1,
         "calibrations": 1,
+        "calibration_checks": 0,
         "events": 0,
     }
 
