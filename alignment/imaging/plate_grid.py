@@ -63,6 +63,7 @@ def observe_plate(
     method: str = "ellipse",
     bright: bool = False,
     ring_group: Index | None = None,
+    corrected: bool = True,
 ) -> MarkObservations | PlateRefusal:
     """Find, locate and identify the marks of a plate in an image.
 
@@ -76,7 +77,7 @@ def observe_plate(
         A name of `alignment.imaging.mark_location.METHODS`.
     bright
         True when the marks are brighter than their ground.
-    ring_group
+    ring_group, corrected
         As for `identify_marks`.
 
     Returns
@@ -85,11 +86,13 @@ def observe_plate(
         Projections of the marks' centres with their covariance, or what is wrong with the image.
     """
     rough = find_marks(image, bright=bright)
-    return identify_marks(locate_marks(image, rough, method), plate, ring_group=ring_group)
+    return identify_marks(
+        locate_marks(image, rough, method), plate, ring_group=ring_group, corrected=corrected
+    )
 
 
 def identify_marks(
-    marks: Marks, plate: Plate, *, ring_group: Index | None = None
+    marks: Marks, plate: Plate, *, ring_group: Index | None = None, corrected: bool = True
 ) -> MarkObservations | PlateRefusal:
     """Tell which mark of the plate each mark is.
 
@@ -108,11 +111,14 @@ def identify_marks(
     ring_group
         (n, 2) indices (i, j) of the ring marks that this camera is to see, for plates that carry the same
         arrangement several times; None: the arrangement is unique on the plate.
+    corrected
+        False leaves the centres of the outlines as they are; the joint adjustment then takes off perspective
+        and distortion together, with the cameras it finds.
 
     Returns
     -------
     MarkObservations or PlateRefusal
-        Corrected for perspective, or what is wrong.
+        Corrected for perspective unless told otherwise, or what is wrong.
 
     Raises
     ------
@@ -140,13 +146,15 @@ def identify_marks(
     missing = _missing(homography, plate, marks, seen)
     if missing is not None:
         return missing
-    offsets = homography_offsets(homography, plate.points[seen, :2], plate.mark_radius_mm)
+    pixels = marks.points[rows]
+    if corrected:
+        pixels = pixels + homography_offsets(homography, plate.points[seen, :2], plate.mark_radius_mm)
     order = np.argsort(seen)
     return MarkObservations(
         marks=seen[order],
-        pixels=(marks.points[rows] + offsets)[order],
+        pixels=pixels[order],
         covariance=marks.covariance[rows][order],
-        corrected=True,
+        corrected=corrected,
     )
 
 
