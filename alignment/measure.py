@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -29,6 +29,7 @@ from alignment.values import (
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.plane import fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
+from alignment.wheel.ridges import fit_ridges
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -41,6 +42,7 @@ _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.25  # of the offered points
 _FULL_SCALE_SHARE = 0.5
 _FARTHEST_AXIS = 60.0  # mm
+_FEWEST_HEADS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +92,32 @@ def measure_wheel(
     wrong = _check_images(images, calibration)
     if wrong is not None:
         return wrong
+    result = _measure(images, calibration, settings)
+    if isinstance(result, Refusal) and settings.allow_lost_head and len(images) >= _FEWEST_HEADS + 1:
+        names = [head.name for head in calibration.heads]
+        if result.head in names:
+            return _without_head(names.index(result.head), images, calibration, settings) or result
+    return result
+
+
+def _without_head(
+    lost: int, images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+) -> WheelMeasurement | Refusal:
+    """Measure with the other heads alone."""
+    others = [pair for k, pair in enumerate(images) if k != lost]
+    result = _measure(others, _others(calibration, lost), settings)
+    return replace(result, degraded=True) if isinstance(result, WheelMeasurement) else result
+
+
+@lru_cache(maxsize=16)
+def _others(calibration: RigCalibration, lost: int) -> RigCalibration:
+    """One value per lost head, so that what is computed once for a calibration stays."""
+    return calibration.without_head(lost)
+
+
+def _measure(
+    images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+) -> WheelMeasurement | Refusal:
     matched: list[Candidates] = []
     every = [image for pair in images for image in (pair.left, pair.right)]
     found_lines = iter(extract_many(every, epipolar_directions(calibration)))
@@ -103,6 +131,7 @@ def measure_wheel(
                     RefusalCode.HEAD_SATURATED,
                     f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
                     "or shield the station from the sun",
+                    head.name,
                 )
         left, right = lines
         assert left is not None
@@ -144,6 +173,7 @@ def _no_light(image: Image, head: HeadCalibration, side: str) -> Refusal:
         RefusalCode.HEAD_DARK,
         f"{head.name} {side}: no light lines (brightest pixel {int(image.max())}); check projector, "
         "lens cap, exposure, and that a wheel stands in front of the head",
+        head.name,
     )
 
 
@@ -154,17 +184,18 @@ def _no_match(candidates: Candidates, head: HeadCalibration, settings: MeasureSe
         f"{head.name}: only {len(candidates.points)} of {candidates.offered} line points have a partner "
         f"between z = {lo:g} and {hi:g} mm; check that left and right images are not swapped, that the head "
         "has not moved since its calibration, and that the wheel is in place",
+        head.name,
     )
 
 
 def _full_scale_share(image: Image, lines: LightLines) -> float:
-    """Share of line points whose pixel is at the top of the image's range."""
-    top = image.max()
-    if image.dtype == np.uint8 and top < 255:
+    """Share of line points whose pixel is at the top of the range; 16-bit cameras may end below 65535."""
+    if not len(lines.points):
         return 0.0
     column, row = np.rint(lines.points).astype(np.intp).T
-    share = float((image[row, column] >= top).mean())
-    return share
+    levels = image[row, column]
+    top = 255 if image.dtype == np.uint8 else levels.max()
+    return float(np.count_nonzero(levels >= top)) / len(levels)
 
 
 def _pool(matched: list[Candidates]) -> _Pool:
@@ -246,6 +277,7 @@ def _evaluate(
                 f"{camera_pair.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
                 f"{settings.minimum_points} and a quarter of them are needed; check for dirt, an obstacle, "
                 "or a head that moved since its calibration",
+                camera_pair.name,
             )
         qualities.append(
             HeadQuality(camera_pair.name, count, candidates.offered, _rms(fit.residuals, fit.weights, mine))
@@ -261,6 +293,17 @@ def _evaluate(
     normal, covariance, tilt_axes = fit.normal, fit.covariance, fit.tilt_axes
     if settings.method == "plane":
         plane = fit_plane(points, pool.cluster[surface.chosen][used], fit.normal)
+        normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
+        rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
+    elif settings.method == "ridges":
+        first = np.cumsum([0, *(int(c.left_line.max()) + 1 for c in matched)])
+        line = np.concatenate([c.left_line + k for c, k in zip(matched, first, strict=False)])
+        try:
+            plane = fit_ridges(pool.points[surface.chosen], head, line[surface.chosen], fit, len(matched))
+        except DegenerateInputError as error:
+            return Refusal(
+                RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}"
+            )
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
         rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
     height = float(weights @ ((points - fit.centre) @ normal) / weights.sum())

@@ -33,7 +33,7 @@ COEFFICIENT_NAMES = {
     ),
 }
 _NEWTON_STEPS = 30
-_NEWTON_TOLERANCE = 1e-14
+_NEWTON_TOLERANCE = 1e-9  # of a step; the next, quadratically smaller, would be below rounding
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -91,6 +91,12 @@ def _match(
     offered = 0
     rows = right_starts.size - 1
     pointer = np.empty(rows, np.int64)
+    lowest, highest = np.full(rows, np.inf), np.full(rows, -np.inf)
+    for b in range(rows):
+        for j in range(right_starts[b], right_starts[b + 1]):
+            if right_sine[j] >= flattest:
+                lowest[b] = min(lowest[b], right[j, 1])
+                highest[b] = max(highest[b], right[j, 1])
     for a in range(left_starts.size - 1):
         for b in range(rows):
             pointer[b] = right_starts[b]
@@ -110,6 +116,8 @@ def _match(
                 continue
             dmin, dmax = baseline / far, baseline / near
             for b in range(rows):
+                if v < lowest[b] or v > highest[b]:
+                    continue
                 first, last = right_starts[b], right_starts[b + 1] - 1
                 if last <= first:
                     continue

@@ -14,9 +14,10 @@ Index = NDArray[np.int64]
 
 _GATE = 25.0  # mm; a sidewall's relief about its mean plane, with room for the first, rough plane
 _TILTS = (-0.12, 0.0, 0.12)  # start values of dz/dx and dz/dy
-_Z_STEP = 8.0
+_Z_STEP = 12.0
 _NEAR_BEST = 0.75  # a hypothesis this much worse than the best is not worth a fit
-_SAMPLES = 400
+_SAMPLES = 300
+_SAME_PLANE = 3.0  # mm, over the rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,10 @@ def _grow(points: Array, group: Index, start: Array, gate: float, slope_limit: f
         p, q, r, ok = _solve3(a, b)
         if not ok or abs(q) > slope_limit or abs(r) > slope_limit:
             return plane, 0.0
+        moved = abs(p - plane[0]) + 300.0 * (abs(q - plane[1]) + abs(r - plane[2]))
         plane[0], plane[1], plane[2] = p, q, r
+        if iteration > 2 and moved < 0.1:
+            break
     return plane, score
 
 
@@ -119,23 +123,45 @@ def plane_hypotheses(
         return []
     # Whole groups, evenly thinned.
     first = np.flatnonzero(np.r_[True, group[1:] != group[:-1]])
-    chosen = first[:: max(1, len(first) // _SAMPLES)]
-    take = np.isin(group, group[chosen])
-    sample, names = np.ascontiguousarray(points[take]), group[take]
-    found: list[PlaneHypothesis] = []
+    last = np.r_[first[1:], len(group)]
+    chosen = slice(None, None, max(1, len(first) // _SAMPLES))
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(first[chosen], last[chosen], strict=True)])
     lo, hi = depth_range
-    for z0 in np.linspace(lo, hi, max(2, round((hi - lo) / _Z_STEP))):
-        for tx in _TILTS:
-            for ty in _TILTS:
-                plane, score = _grow(sample, names, np.array([z0, tx, ty]), _GATE, slope_limit)
-                if score <= 0.0:
-                    continue
-                reach = np.abs(sample[:, :2]).max()
-                if any(abs(h.coefficients - plane) @ np.array([1.0, reach, reach]) < 3.0 for h in found):
-                    continue
-                found.append(PlaneHypothesis(plane, score / len(chosen)))
+    heights = np.linspace(lo, hi, max(2, round((hi - lo) / _Z_STEP)))
+    planes, scores = _grow_all(
+        np.ascontiguousarray(points[rows]), group[rows], heights, np.array(_TILTS), _GATE, slope_limit
+    )
+    found = [
+        PlaneHypothesis(plane, float(score) / len(first[chosen]))
+        for plane, score in zip(planes, scores, strict=True)
+    ]
     found.sort(key=lambda h: -h.score)
     return [h for h in found if h.score > _NEAR_BEST * found[0].score]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grow_all(
+    points: Array, group: Index, heights: Array, tilts: Array, gate: float, slope_limit: float
+) -> tuple[Array, Array]:
+    """Grow a plane from every start value; the different ones (P, 3) and their scores (P,)."""
+    capacity = heights.size * tilts.size**2
+    planes, scores = np.empty((capacity, 3)), np.empty(capacity)
+    reach = np.abs(points[:, :2]).max()
+    found = 0
+    for z in heights:
+        for tx in tilts:
+            for ty in tilts:
+                plane, score = _grow(points, group, np.array([z, tx, ty]), gate, slope_limit)
+                known = score <= 0.0
+                for k in range(found):
+                    away = abs(planes[k, 0] - plane[0])
+                    away += reach * (abs(planes[k, 1] - plane[1]) + abs(planes[k, 2] - plane[2]))
+                    known = known or away < _SAME_PLANE
+                if not known:
+                    planes[found] = plane
+                    scores[found] = score
+                    found += 1
+    return planes[:found], scores[:found]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
