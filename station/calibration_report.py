@@ -1,0 +1,214 @@
+"""Report of a calibration: one HTML file that holds its pictures and needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from alignment.calibration.adjustment import Adjustment
+from alignment.calibration.gate import ARCMIN, Judgement
+from alignment.calibration.prediction import NominalWheel
+from alignment.values import RigCalibration
+from sensors.formats.files import write_bytes
+from station.calibration_pictures import (
+    image_coverage,
+    mark_corrections,
+    residual_vectors,
+    uncertainty_map,
+    volume_coverage,
+)
+
+REPORT_FILE = "report.html"
+
+_STYLE = """
+body { font-family: system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
+table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; font-size: 0.85rem }
+th, td { border: 1px solid #ccc; padding: 0.2rem 0.6rem; text-align: right }
+th:first-child, td:first-child { text-align: left }
+img { max-width: 100%; height: auto }
+.verdict { padding: 0.8rem 1rem; border-left: 0.5rem solid; background: #f4f4f4 }
+.accepted { border-color: #2a7a2a } .refused { border-color: #b02020 }
+"""
+
+
+def write_report(
+    folder: Path,
+    adjustment: Adjustment,
+    calibration: RigCalibration,
+    judgement: Judgement,
+    *,
+    method: str,
+    created_utc: datetime,
+    wheel: NominalWheel | None = None,
+) -> Path:
+    """Write ``report.html`` with verdict, tables and pictures; return its path.
+
+    Parameters
+    ----------
+    folder
+        Made when it is missing; a report of the same name in it is replaced.
+    adjustment, calibration, judgement
+        How the calibration was found, what it is (with its covariance), and what the gate said.
+    method
+        How it was made, in words.
+    created_utc
+        When it was made; aware.
+    wheel
+        The tyre drawn into the pictures; None for the nominal one.
+
+    Raises
+    ------
+    FormatError
+        When the folder cannot be made or written.
+    DegenerateInputError
+        When the calibration has no covariance.
+    """
+    wheel = wheel or NominalWheel()
+    pictures = (
+        ("Residuals", "Projected less observed marks.", residual_vectors(adjustment)),
+        ("Coverage of the images", "Marks of all views.", image_coverage(adjustment)),
+        (
+            "Coverage of the measuring volume",
+            "Marks in the rig frame; circles and lines are the nominal tyre.",
+            volume_coverage(adjustment, wheel),
+        ),
+        (
+            "Predicted uncertainty",
+            "Of points measured by one head, from the calibration alone. It is common to all points nearby "
+            "and does not average out.",
+            uncertainty_map(calibration, wheel),
+        ),
+        (
+            "Corrections of the plate",
+            "Found less stated positions of its marks.",
+            mark_corrections(adjustment),
+        ),
+    )
+    body = [
+        f"<h1>Calibration {escape(calibration.id)}</h1>",
+        f"<p>Rig {escape(calibration.rig)}, side {calibration.side}; made "
+        f"{created_utc.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC by {escape(method)}, lens model "
+        f"{escape(adjustment.model)}.</p>",
+        _verdict(judgement, adjustment),
+        "<h2>Cameras</h2>",
+        _camera_table(adjustment, judgement),
+        _parameter_tables(adjustment),
+        "<h2>Stage</h2>",
+        _stage_table(adjustment),
+    ]
+    for title, caption, figure in pictures:
+        body.append(f"<h2>{title}</h2><p>{caption}</p>{_image(figure, title)}")
+    page = (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>Calibration {escape(calibration.id)}</title><style>{_STYLE}</style></head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body></html>\n"
+    )
+    path = folder / REPORT_FILE
+    write_bytes(path, page.encode("utf-8"))
+    return path
+
+
+def _verdict(judgement: Judgement, adjustment: Adjustment) -> str:
+    kind = "accepted" if judgement else "refused"
+    views, marks = len(adjustment.data.views), len(np.unique(adjustment.mark))
+    return (
+        f'<p class="verdict {kind}"><strong>{kind.capitalize()}.</strong> {escape(judgement.reason)}.</p>'
+        f"<p>{views} views, {marks} marks, {len(adjustment.camera)} observations, residual "
+        f"{adjustment.rms_px:.4f} px RMS, condition {adjustment.condition:.1e}, {adjustment.iterations} steps"
+        f"{_angles(judgement)}.</p>"
+    )
+
+
+def _angles(judgement: Judgement) -> str:
+    if judgement.camber_u95 is None or judgement.toe_u95 is None:
+        return ""
+    camber, toe = judgement.camber_u95 / ARCMIN, judgement.toe_u95 / ARCMIN
+    return f"; predicted U95 of camber {camber:.3f}′, of toe {toe:.3f}′"
+
+
+def _camera_table(adjustment: Adjustment, judgement: Judgement) -> str:
+    rows = [
+        (
+            figures.name,
+            str(figures.views),
+            str(figures.marks),
+            f"{100 * figures.image_share:.0f} %",
+            f"{100 * figures.depth_share:.1f} %",
+            f"{figures.noise_scale:.2f}",
+            f"{100 * figures.outliers:.1f} %",
+            f"{figures.structure:+.2f}",
+            f"{adjustment.redundancy[figures.camera]:.0f}",
+        )
+        for figures in judgement.cameras
+    ]
+    head = (
+        "camera", "views", "marks", "image covered", "depth range", "noise over stated", "without weight",
+        "correlation", "redundancy",
+    )  # fmt: skip
+    return _table(head, rows)
+
+
+def _parameter_tables(adjustment: Adjustment) -> str:
+    """Poses and lenses with their standard uncertainties."""
+    deviations = np.sqrt(np.maximum(np.diag(adjustment.covariance), 0.0))
+    rows, first = [], 0
+    names: tuple[str, ...] = ()
+    for key in adjustment.data.cameras:
+        camera = adjustment.cameras[key]
+        names = camera.model.parameter_names
+        values = np.concatenate([camera.rig_from_camera.translation, camera.model.parameters])
+        size = 6 + len(names)
+        sigma = deviations[first : first + size]
+        first += size
+        turn = (f"{value:.2f}" for value in sigma[:3] / ARCMIN)
+        rows.append(
+            (" ".join(key), *turn, *(_with_sigma(v, s) for v, s in zip(values, sigma[3:], strict=True)))
+        )
+    head = (
+        "camera", "u(rx) [′]", "u(ry) [′]", "u(rz) [′]", "x [mm]", "y [mm]", "z [mm]", *names,
+    )  # fmt: skip
+    return "<p>Values ± standard uncertainty; rotations about the camera's own axes.</p>" + _table(head, rows)
+
+
+def _with_sigma(value: float, sigma: float) -> str:
+    """The value with as many digits as its uncertainty has meaning."""
+    if sigma <= 0.0:
+        return f"{value:g}"
+    digits = min(max(0, 1 - math.floor(math.log10(sigma))), 9)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
+def _stage_table(adjustment: Adjustment) -> str:
+    rows: list[Sequence[str]] = []
+    for view, moved in zip(adjustment.data.views, adjustment.stage_correction_mm, strict=True):
+        if view.stage_mm is None:
+            rows.append((escape(view.name), "held by hand", "", "", "", "", ""))
+        else:
+            stage, correction = view.stage_mm, 1000.0 * moved
+            rows.append((escape(view.name), *(f"{v:.3f}" for v in stage), *(f"{v:+.1f}" for v in correction)))
+    head = ("view", "x [mm]", "y [mm]", "z [mm]", "Δx [µm]", "Δy [µm]", "Δz [µm]")
+    return _table(head, rows)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Cells are HTML already."""
+    lines = ["<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows]
+    return (
+        "<table><tr>" + "".join(f"<th>{name}</th>" for name in head) + "</tr>" + "".join(lines) + "</table>"
+    )
+
+
+def _image(figure: Figure, title: str) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return f'<img alt="{escape(title)}" src="data:image/png;base64,{data}">'

@@ -1,0 +1,43 @@
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from alignment.calibration.gate import CalibrationProblem, Judgement, camera_figures, judge
+from station.calibration_report import write_report
+from tests.station.calibrations import adjusted
+
+NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
+
+
+def test_report_is_one_file_that_names_every_camera_view_and_figure(tmp_path: Path) -> None:
+    adjustment, calibration = adjusted()
+    path = write_report(
+        tmp_path / "new" / "report",
+        adjustment,
+        calibration,
+        judge(adjustment, calibration),
+        method="joint adjustment",
+        created_utc=NOON,
+    )
+    page = path.read_text(encoding="utf-8")
+    assert [entry.name for entry in path.parent.iterdir()] == ["report.html"]
+    assert page.count('src="data:image/png;base64,') == 5
+    assert "http" not in page
+    for head, side in adjustment.data.cameras:
+        assert f"<td>{head} {side}</td>" in page
+    for view in adjustment.data.views:
+        assert f"<td>{view.name}</td>" in page
+    assert "2026-11-22 12:00:00 UTC" in page
+
+
+def test_report_of_a_refused_calibration_says_why_and_escapes_names(tmp_path: Path) -> None:
+    adjustment, calibration = adjusted()
+    refused = Judgement(CalibrationProblem.NOISY, "marks <b>blurred</b>", camera_figures(adjustment))
+    path = write_report(
+        tmp_path, adjustment, replace(calibration, id="a<b"), refused, method="x & y", created_utc=NOON
+    )
+    page = path.read_text(encoding="utf-8")
+    assert "Refused." in page
+    assert "marks &lt;b&gt;blurred&lt;/b&gt;" in page
+    assert "a&lt;b" in page
+    assert "x &amp; y" in page
