@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -89,6 +89,16 @@ class RigCalibration:
             for name in (*pose, *camera.model.parameter_names)
         )
 
+    def without_head(self, index: int) -> RigCalibration:
+        """Return the calibration of the other heads; their covariance is that part of the whole."""
+        lost = f"{self.heads[index].name}."
+        kept = [k for k, name in enumerate(self.parameter_names) if not name.startswith(lost)]
+        return replace(
+            self,
+            heads=tuple(head for k, head in enumerate(self.heads) if k != index),
+            covariance=None if self.covariance is None else self.covariance[np.ix_(kept, kept)],
+        )
+
 
 def nominal_vehicle_from_rig(side: Side) -> RigidTransform:
     """Rotation of a rig whose axes lie along the vehicle's: z outboard, y up, x = y × z; no translation.
@@ -119,20 +129,24 @@ class MeasureSettings:
         narrower than the depth that one line spacing stands for, left and right lines match uniquely.
     method
         ``revolution``: surface of revolution with a free profile; ``plane``: robust plane, the simple
-        alternative, which is biased where a head sees an uneven part of the sidewall.
+        alternative, which is biased where a head sees an uneven part of the sidewall; ``ridges``: plane
+        through nine bends of the light lines on one circle, for comparison only.
     minimum_points
         Fewer accepted points per head than this refuse the measurement.
     maximum_angle
         Largest believable camber or toe, radians; beyond it the measurement is refused.
     coverage_factor
         k of the expanded uncertainty; 2 for about 95 %.
+    allow_lost_head
+        True lets the other heads measure when one of at least three is lost; the result is marked degraded.
     """
 
     depth_range_mm: tuple[float, float] = (-60.0, 60.0)
-    method: Literal["revolution", "plane"] = "revolution"
+    method: Literal["revolution", "plane", "ridges"] = "revolution"
     minimum_points: int = 300
     maximum_angle: float = math.radians(10.0)
     coverage_factor: float = 2.0
+    allow_lost_head: bool = False
 
 
 class RefusalCode(enum.StrEnum):
@@ -145,6 +159,9 @@ class RefusalCode(enum.StrEnum):
     NO_CORRESPONDENCE = "no_correspondence"
     NOT_A_WHEEL = "not_a_wheel"
     OUTSIDE_VOLUME = "outside_volume"
+    TOO_FEW_SHOTS = "too_few_shots"
+    TURN_TOO_SHORT = "turn_too_short"
+    INCONSISTENT_SHOTS = "inconsistent_shots"
 
 
 @dataclass(frozen=True)
@@ -157,10 +174,13 @@ class Refusal:
         For programs.
     reason
         For people: what was seen, and what to do.
+    head
+        Name of the head that is to blame, where it is one.
     """
 
     code: RefusalCode
     reason: str
+    head: str | None = None
 
     def __bool__(self) -> bool:
         return False
@@ -202,9 +222,12 @@ class WheelMeasurement:
     heads
         Quality per head.
     method
-        The fit that was used, and that it is a tyre plane: ``tyre_plane/revolution`` or ``tyre_plane/plane``.
+        The fit that was used, and that it is a tyre plane: ``tyre_plane/revolution``, ``tyre_plane/plane`` or
+        ``tyre_plane/ridges``.
     coverage_factor
         k of `camber_u95` and `toe_u95`.
+    degraded
+        True when a head was lost and the others measured alone.
     """
 
     camber: float
@@ -218,6 +241,7 @@ class WheelMeasurement:
     heads: tuple[HeadQuality, ...]
     method: str
     coverage_factor: float = 2.0
+    degraded: bool = False
     outcome: str = field(default="measured", init=False)
 
     @property

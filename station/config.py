@@ -98,8 +98,10 @@ class MeasureOptions(StrictModel):
     depth_range_mm: tuple[Millimetres, Millimetres] = Field(
         default=(-60.0, 60.0), description="Lowest and highest z of the tyre's surface in the rig frame"
     )
-    method: Literal["revolution", "plane"] = Field(
-        default="revolution", description="Surface of revolution with a free profile, or robust plane"
+    method: Literal["revolution", "plane", "ridges"] = Field(
+        default="revolution",
+        description="Surface of revolution with a free profile; robust plane, or plane through nine bends of "
+        "the light lines, for comparison",
     )
     minimum_points: int = Field(
         default=300, ge=10, le=1_000_000, description="Fewer points per head refuse the measurement"
@@ -109,6 +111,10 @@ class MeasureOptions(StrictModel):
     )
     coverage_factor: float = Field(
         default=2.0, ge=1, le=5, description="k of the expanded uncertainty; 2 for about 95 %"
+    )
+
+    allow_lost_head: bool = Field(
+        default=False, description="The other heads measure when one is lost; the result is marked degraded"
     )
 
     @model_validator(mode="after")
@@ -128,6 +134,7 @@ class MeasureOptions(StrictModel):
             minimum_points=self.minimum_points,
             maximum_angle=math.radians(self.maximum_angle_deg),
             coverage_factor=self.coverage_factor,
+            allow_lost_head=self.allow_lost_head,
         )
 
 
