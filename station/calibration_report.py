@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from alignment.calibration.adjustment import Adjustment
 from alignment.calibration.gate import ARCMIN, Judgement
 from alignment.calibration.prediction import NominalWheel
-from alignment.values import RigCalibration
+from alignment.values import Side, nominal_vehicle_from_rig
 from sensors.formats.files import write_bytes
 from station.calibration_pictures import (
     image_coverage,
@@ -42,9 +42,11 @@ img { max-width: 100%; height: auto }
 def write_report(
     folder: Path,
     adjustment: Adjustment,
-    calibration: RigCalibration,
     judgement: Judgement,
     *,
+    identity: str,
+    rig: str,
+    side: Side,
     method: str,
     created_utc: datetime,
     wheel: NominalWheel | None = None,
@@ -55,8 +57,12 @@ def write_report(
     ----------
     folder
         Made when it is missing; a report of the same name in it is replaced.
-    adjustment, calibration, judgement
-        How the calibration was found, what it is (with its covariance), and what the gate said.
+    adjustment, judgement
+        How the calibration was found, or would have been, and what the gate said.
+    identity
+        Of the calibration; for a refused one, a word that says so.
+    rig, side
+        Name of the rig, side of the vehicle.
     method
         How it was made, in words.
     created_utc
@@ -69,9 +75,10 @@ def write_report(
     FormatError
         When the folder cannot be made or written.
     DegenerateInputError
-        When the calibration has no covariance.
+        When a head lacks one of its cameras.
     """
     wheel = wheel or NominalWheel()
+    calibration = adjustment.rig_calibration(identity, rig, side, nominal_vehicle_from_rig(side))
     pictures = (
         ("Residuals", "Projected less observed marks.", residual_vectors(adjustment)),
         ("Coverage of the images", "Marks of all views.", image_coverage(adjustment)),
@@ -93,8 +100,8 @@ def write_report(
         ),
     )
     body = [
-        f"<h1>Calibration {escape(calibration.id)}</h1>",
-        f"<p>Rig {escape(calibration.rig)}, side {calibration.side}; made "
+        f"<h1>Calibration {escape(identity)}</h1>",
+        f"<p>Rig {escape(rig)}, side {side}; made "
         f"{created_utc.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC by {escape(method)}, lens model "
         f"{escape(adjustment.model)}.</p>",
         _verdict(judgement, adjustment),
@@ -108,7 +115,7 @@ def write_report(
         body.append(f"<h2>{title}</h2><p>{caption}</p>{_image(figure, title)}")
     page = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>Calibration {escape(calibration.id)}</title><style>{_STYLE}</style></head>\n<body>\n"
+        f"<title>Calibration {escape(identity)}</title><style>{_STYLE}</style></head>\n<body>\n"
         + "\n".join(body)
         + "\n</body></html>\n"
     )

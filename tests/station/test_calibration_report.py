@@ -1,4 +1,3 @@
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,15 +13,18 @@ def test_report_is_one_file_that_names_every_camera_view_and_figure(tmp_path: Pa
     path = write_report(
         tmp_path / "new" / "report",
         adjustment,
-        calibration,
         judge(adjustment, calibration),
+        identity=calibration.id,
+        rig="front_left",
+        side="left",
         method="joint adjustment",
         created_utc=NOON,
     )
     page = path.read_text(encoding="utf-8")
     assert [entry.name for entry in path.parent.iterdir()] == ["report.html"]
     assert page.count('src="data:image/png;base64,') == 5
-    assert "http" not in page
+    assert "http:" not in page
+    assert "https:" not in page
     for head, side in adjustment.data.cameras:
         assert f"<td>{head} {side}</td>" in page
     for view in adjustment.data.views:
@@ -31,10 +33,17 @@ def test_report_is_one_file_that_names_every_camera_view_and_figure(tmp_path: Pa
 
 
 def test_report_of_a_refused_calibration_says_why_and_escapes_names(tmp_path: Path) -> None:
-    adjustment, calibration = adjusted()
+    adjustment, _ = adjusted()
     refused = Judgement(CalibrationProblem.NOISY, "marks <b>blurred</b>", camera_figures(adjustment))
     path = write_report(
-        tmp_path, adjustment, replace(calibration, id="a<b"), refused, method="x & y", created_utc=NOON
+        tmp_path,
+        adjustment,
+        refused,
+        identity="a<b",
+        rig="front_left",
+        side="left",
+        method="x & y",
+        created_utc=NOON,
     )
     page = path.read_text(encoding="utf-8")
     assert "Refused." in page
