@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from alignment.calibration.prediction import angle_covariance
 from alignment.errors import DegenerateInputError
 from alignment.imaging.lines import LightLines, extract_many
-from alignment.stereo.correspondence import Candidates, match_lines
+from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.rectification import epipolar_directions
 from alignment.stereo.surface import PlaneHypothesis, nearest_candidates, plane_hypotheses
 from alignment.values import (
@@ -118,12 +118,12 @@ def _others(calibration: RigCalibration, lost: int) -> RigCalibration:
 def _measure(
     images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
 ) -> WheelMeasurement | Refusal:
-    matched: list[Candidates] = []
     every = [image for pair in images for image in (pair.left, pair.right)]
     found_lines = iter(extract_many(every, epipolar_directions(calibration)))
+    lines: list[tuple[LightLines, LightLines]] = []
     for pair, head in zip(images, calibration.heads, strict=True):
-        lines = [next(found_lines), next(found_lines)]
-        for image, found, side in zip((pair.left, pair.right), lines, ("left", "right"), strict=True):
+        left, right = next(found_lines), next(found_lines)
+        for image, found, side in ((pair.left, left, "left"), (pair.right, right, "right")):
             if found is None or len(found.points) < settings.minimum_points // 4:
                 return _no_light(image, head, side)
             if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
@@ -133,13 +133,13 @@ def _measure(
                     "or shield the station from the sun",
                     head.name,
                 )
-        left, right = lines
         assert left is not None
         assert right is not None
-        candidates = match_lines(left, right, head, settings.depth_range_mm)
+        lines.append((left, right))
+    matched = match_heads(lines, calibration.heads, settings.depth_range_mm)
+    for candidates, head in zip(matched, calibration.heads, strict=True):
         if len(candidates.points) < settings.minimum_points:
             return _no_match(candidates, head, settings)
-        matched.append(candidates)
     pool = _pool(matched)
     slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
     hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
@@ -301,9 +301,7 @@ def _evaluate(
         try:
             plane = fit_ridges(pool.points[surface.chosen], head, line[surface.chosen], fit, len(matched))
         except DegenerateInputError as error:
-            return Refusal(
-                RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}"
-            )
+            return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
         rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
     height = float(weights @ ((points - fit.centre) @ normal) / weights.sum())

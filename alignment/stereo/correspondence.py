@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba.typed import List
 from numpy.typing import NDArray
 
 from alignment.imaging.lines import LEAST_SINE, LightLines
-from alignment.kernels import njit
-from alignment.stereo.rectification import Rectification
+from alignment.kernels import njit, prange
+from alignment.stereo.rectification import Rectification, rectify
 from alignment.values import HeadCalibration
 
 Array = NDArray[np.float64]
@@ -79,14 +82,11 @@ def _match(
     zmax: float,
     flattest: float,
     bridge: float,
-) -> tuple[Array, Array, Array, Index, Index, Index, int]:
-    capacity = 4 * left.shape[0] + 1024
-    points = np.empty((capacity, 3))
-    sigma = np.empty(capacity)
-    rays = np.empty((capacity, 3))
-    point_of = np.empty(capacity, np.int64)
-    line_of = np.empty(capacity, np.int64)
-    right_of = np.empty(capacity, np.int64)
+    values: Array,
+    indices: Index,
+) -> tuple[int, int]:
+    """Candidates into the rows of `values` and `indices`; how many, and how many points were offered."""
+    capacity = values.shape[0]
     n = 0
     offered = 0
     rows = right_starts.size - 1
@@ -149,60 +149,117 @@ def _match(
                 z = baseline / disparity
                 su = left_sigma[i] / left_sine[i]
                 sr = right_sigma[j] / right_sine[j]
-                points[n, 0] = origin[0] + dx * z
-                points[n, 1] = origin[1] + dy * z
-                points[n, 2] = origin[2] + dz * z
-                sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
-                rays[n, 0], rays[n, 1], rays[n, 2] = dx / norm, dy / norm, dz / norm
-                point_of[n] = i
-                line_of[n] = a
-                right_of[n] = j
+                row, index = values[n], indices[n]
+                row[0] = origin[0] + dx * z
+                row[1] = origin[1] + dy * z
+                row[2] = origin[2] + dz * z
+                row[3], row[4], row[5] = dx / norm, dy / norm, dz / norm
+                row[6] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
+                index[0], index[1], index[2] = i, a, j
                 n += 1
-    return points[:n], sigma[:n], rays[:n], point_of[:n], line_of[:n], right_of[:n], offered
+    return n, offered
 
 
-def match_lines(
-    left: LightLines, right: LightLines, head: HeadCalibration, depth_range: tuple[float, float]
-) -> Candidates:
-    """Intersect the epipolar line of every left line point with every right line.
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _match_all(
+    pixels: Any,
+    starts: Any,
+    sigmas: Any,
+    packed: Array,
+    turns: Array,
+    rotations: Array,
+    origins: Array,
+    baselines: Array,
+    depth_range: tuple[float, float],
+    flattest: float,
+    bridge: Array,
+    values: Array,
+    indices: Index,
+    counts: Index,
+) -> None:
+    """All heads, one a core; images 2k and 2k + 1 are the left and the right one of head k."""
+    for head in prange(len(pixels) // 2):
+        left, right = np.int64(2 * head), np.int64(2 * head + 1)
+        uv_left, _ = rectify(pixels[left], packed[left], turns[left])
+        uv_right, _ = rectify(pixels[right], packed[right], turns[right])
+        sine_left, sine_right = np.zeros(uv_left.shape[0]), np.zeros(uv_right.shape[0])
+        _line_slopes(uv_left, starts[left], sine_left)
+        _line_slopes(uv_right, starts[right], sine_right)
+        counts[head, 0], counts[head, 1] = _match(
+            uv_left, starts[left], sine_left, sigmas[left],
+            uv_right, starts[right], sine_right, sigmas[right],
+            rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
+            flattest, bridge[head], values[head], indices[head],
+        )  # fmt: skip
+
+
+def match_heads(
+    lines: Sequence[tuple[LightLines, LightLines]],
+    heads: Sequence[HeadCalibration],
+    depth_range: tuple[float, float],
+) -> list[Candidates]:
+    """Intersect the epipolar line of every left line point with every right line, for every head.
 
     Parameters
     ----------
-    left, right
-        Light lines of the two images.
-    head
-        The two posed cameras.
+    lines
+        Light lines of the left and the right image of each head.
+    heads
+        Their posed cameras.
     depth_range
         Lowest and highest z of the surface, rig frame, millimetres.
 
     Returns
     -------
-    Candidates
+    list of Candidates
         All intersections inside the depth range; a point may have several, or none.
     """
-    frame = Rectification.of(head.left, head.right)
-    views = []
-    for lines, camera in ((left, head.left), (right, head.right)):
-        uv, _ = frame.coordinates(camera, lines.points)
-        sine = np.zeros(len(uv))
-        _line_slopes(uv, lines.starts, sine)
-        focal = 0.5 * (camera.model.fx + camera.model.fy)
-        views.append((uv, lines.starts, sine, lines.sigma / focal, focal))
-    (uv_l, starts_l, sine_l, sigma_l, focal), (uv_r, starts_r, sine_r, sigma_r, _) = views
-    points, sigma, rays, left_point, left_line, right_point, offered = _match(
-        uv_l,
-        starts_l,
-        sine_l,
-        sigma_l,
-        uv_r,
-        starts_r,
-        sine_r,
-        sigma_r,
-        np.ascontiguousarray(frame.rectified_from_rig.T),
-        frame.origin,
-        frame.baseline,
-        *depth_range,
+    frames = [Rectification.of(head.left, head.right) for head in heads]
+    every = [each for pair in lines for each in pair]
+    cameras = [camera for head in heads for camera in head.cameras]
+    focal = np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras])
+    capacity = 4 * max(len(each.points) for each in every) + 1024
+    values = np.empty((len(heads), capacity, 7))
+    indices = np.empty((len(heads), capacity, 3), np.int64)
+    counts = np.zeros((len(heads), 2), np.int64)
+    _match_all(
+        List([each.points for each in every]),
+        List([each.starts for each in every]),
+        List([each.sigma / f for each, f in zip(every, focal, strict=True)]),
+        np.array([camera.model.packed() for camera in cameras]),
+        np.array(
+            [
+                frame.rectified_from_rig @ camera.rig_from_camera.rotation
+                for frame, head in zip(frames, heads, strict=True)
+                for camera in head.cameras
+            ]
+        ),
+        np.array([frame.rectified_from_rig.T for frame in frames]),
+        np.array([frame.origin for frame in frames]),
+        np.array([frame.baseline for frame in frames]),
+        (float(depth_range[0]), float(depth_range[1])),
         LEAST_SINE,
-        _BRIDGE_PX / focal,
+        _BRIDGE_PX / focal[::2],
+        values,
+        indices,
+        counts,
     )
-    return Candidates(points, sigma, rays, left_point, left_line, right_point, offered)
+    return [
+        Candidates(
+            points=np.ascontiguousarray(row[:n, :3]),
+            sigma=row[:n, 6].copy(),
+            rays=np.ascontiguousarray(row[:n, 3:6]),
+            left_point=index[:n, 0].copy(),
+            left_line=index[:n, 1].copy(),
+            right_point=index[:n, 2].copy(),
+            offered=int(offered),
+        )
+        for row, index, (n, offered) in zip(values, indices, counts, strict=True)
+    ]
+
+
+def match_lines(
+    left: LightLines, right: LightLines, head: HeadCalibration, depth_range: tuple[float, float]
+) -> Candidates:
+    """Candidates of one head; see `match_heads`."""
+    return match_heads([(left, right)], [head], depth_range)[0]

@@ -64,12 +64,13 @@ class Rectification:
         """Rectified (u, v) of pixels (N, 2), and how many pixels the lens model cannot invert."""
         turn = self.rectified_from_rig @ camera.rig_from_camera.rotation
         uv: Array
-        uv, bad = _rectify(np.ascontiguousarray(pixels), camera.model.packed(), turn)
+        uv, bad = rectify(np.ascontiguousarray(pixels), camera.model.packed(), turn)
         return uv, int(bad)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rectify(pixels: Array, packed: Array, turn: Array) -> tuple[Array, int]:
+def rectify(pixels: Array, packed: Array, turn: Array) -> tuple[Array, int]:
+    """Rectified (u, v) of pixels (N, 2) of a packed camera; `turn` rotates camera to rectified axes."""
     out = np.empty((pixels.shape[0], 2))
     bad = 0
     for i in range(pixels.shape[0]):

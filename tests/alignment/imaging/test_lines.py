@@ -1,3 +1,5 @@
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -99,3 +101,13 @@ def test_a_bright_edge_is_not_a_line() -> None:
     image[:, 200:] = 180
     lines = extract_light_lines(image)
     assert lines is None or len(lines.points) == 0
+
+
+def test_four_threads_that_extract_at_once_get_the_same_lines() -> None:
+    image = slanted_grid(0.05, noise=1.0)
+    alone = extract_light_lines(image)
+    assert alone is not None
+    with ThreadPoolExecutor(4) as threads:
+        for lines in threads.map(extract_light_lines, [image] * 12):
+            assert lines is not None
+            np.testing.assert_array_equal(lines.points, alone.points)
