@@ -12,6 +12,7 @@ import typer
 
 from alignment.errors import ConfigurationError, InputError, SeveralErrors, StoreSchemaError, TruewheelError
 from station.commands import wheel
+from station.commands.calibrate import calibrate
 from station.commands.calibration import calibration_app
 from station.commands.database import db_app
 from station.commands.demo import demo
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(wheel.measure)
+app.command()(calibrate)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 app.command()(study)
 app.add_typer(wheel.simulate_app, name="simulate")

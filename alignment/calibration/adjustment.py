@@ -69,12 +69,15 @@ class AdjustmentSettings:
         Standard deviations from which an observation carries no weight; full weight up to half of it.
     iterations
         Most steps.
+    must_settle
+        False takes what the last step reached, for comparisons, where the minimum itself is not needed.
     """
 
     model: str = "brown5"
     priors: Priors = field(default_factory=Priors)
     outlier_sigma: float = 2.0 * _FULL_WEIGHT
     iterations: int = 30
+    must_settle: bool = True
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -333,7 +336,7 @@ def minimise(
         # A step that kept three quarters of its promise may be bolder next time.
         if lost > 0.75 * promised:
             damping = max(damping / 10.0, _LEAST_DAMPING)
-    if lost < _STALLED * cost:
+    if lost < _STALLED * cost or not settings.must_settle:
         return state, at, robust, settings.iterations
     raise DegenerateInputError(
         field="views",

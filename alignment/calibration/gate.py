@@ -29,6 +29,7 @@ class CalibrationProblem(enum.StrEnum):
     """Why a calibration is refused."""
 
     NOT_DETERMINED = "not_determined"
+    PLATE_NOT_RECOGNISED = "plate_not_recognised"
     MISSING_VIEW = "missing_view"
     TOO_FEW_VIEWS = "too_few_views"
     TOO_FEW_MARKS = "too_few_marks"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, minimise, solve
+from alignment.calibration.equations import prior_cost
 from alignment.calibration.observations import CalibrationInput, MarkObservations
 from alignment.calibration.problem import (
     MODELS,
@@ -43,7 +44,7 @@ class ModelScore:
         How many lens terms it estimates.
     score
         Mean square of the left-out residuals in standard deviations; infinite where the model could not be
-        fitted.
+        fitted, or fits no better than a simpler one.
     excess, error
         Mean excess of the score over the best model's, fold by fold, and the standard error of that.
     """
@@ -87,7 +88,8 @@ def choose_model(
 
     Each view in turn is left out, or, where there are fewer than five, each fifth of the marks; cameras
     fitted to the rest predict it, only the plate's pose in that view (or those marks' deviations) being
-    adjusted. Of all models whose excess over the best is within its standard error the simplest counts.
+    adjusted. Models that fit no better than a simpler one are not tried. Of all models whose excess over the
+    best is within its standard error the simplest counts.
 
     Parameters
     ----------
@@ -117,9 +119,8 @@ def choose_model(
         if progress is not None:
             progress(name)
         try:
-            fits[name] = _fit(
-                data, with_model(start, name), replace(settings, model=name, iterations=_FIT_STEPS)
-            )
+            quick = replace(settings, model=name, iterations=_FIT_STEPS, must_settle=False)
+            fits[name] = _fit(data, with_model(start, name), quick)
         except DegenerateInputError:
             continue
     if not fits:
@@ -129,20 +130,30 @@ def choose_model(
     # One measure for all models: the least noise that any of them found.
     scales = np.min([solution.scales for _, solution in fits.values()], axis=0)
     scores = {}
-    for name, fit in fits.items():
+    for name in _promising(fits, scales, settings.outlier_sigma):
+        quick = replace(settings, model=name, iterations=_FOLD_STEPS, must_settle=False)
         try:
-            of_folds = [
-                _score(fit, fold, replace(settings, model=name, iterations=_FOLD_STEPS), scales)
-                for fold in folds
-            ]
+            scores[name] = np.array([_score(fits[name], fold, quick, scales) for fold in folds])
         except DegenerateInputError:
             continue
-        scores[name] = np.array(of_folds)
     if not scores:
         raise DegenerateInputError(
             field="views", expected="views to which a lens model can be fitted", seen="none that can"
         )
     return _choose(scores, ordered, "views" if by_view else "marks")
+
+
+def _promising(fits: dict[str, Fit], scales: Array, cut: float) -> list[str]:
+    """Models, simplest first, that fit better than each simpler one by more than their additional terms would
+    by chance (Akaike's criterion); the others cannot predict better."""
+    kept: list[tuple[str, float]] = []
+    for name, (problem, solution) in fits.items():
+        squares = np.square(solution.at.residuals).sum(axis=1) / scales[problem.camera] ** 2
+        cost = float(np.minimum(squares, cut**2).sum()) + prior_cost(problem, solution.state)
+        terms = len(MODELS[name].estimated) * len(problem.data.cameras)
+        if all(cost + 2.0 * terms < other for _, other in kept):
+            kept.append((name, cost + 2.0 * terms))
+    return [name for name, _ in kept]
 
 
 def _choose(scores: dict[str, Array], ordered: Sequence[str], left_out: str) -> ModelChoice:
@@ -227,8 +238,10 @@ def _score(fit: Fit, fold: _Fold, settings: AdjustmentSettings, scales: Array) -
         frame_is_known=True,
     )
     known, at_known = (whole, solution.state) if fold.new_pose else (problem, state)
-    start = initial_state(test, cameras, _poses(data, known, at_known))
-    _, at, *_ = minimise(test, start, settings, scales)
+    moved = initial_state(test, cameras, _poses(data, known, at_known))
+    # First with the noise that is there: where all seems a gross error nothing would move.
+    moved, *_ = minimise(test, moved, settings, None)
+    _, at, *_ = minimise(test, moved, settings, scales)
     squares = np.square(at.residuals).sum(axis=1) / scales[test.camera] ** 2
     return float(np.minimum(squares, settings.outlier_sigma**2).mean() / 2.0)
 

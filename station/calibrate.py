@@ -1,0 +1,224 @@
+"""From the images of a plate to the calibration of a rig: marks, lens model, adjustment, gate."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from enum import StrEnum
+
+import numpy as np
+
+from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust, as_rig_calibration
+from alignment.calibration.gate import (
+    CalibrationProblem,
+    GateLimits,
+    Judgement,
+    judge,
+    judge_failure,
+    judge_input,
+)
+from alignment.calibration.heads_then_poses import heads_then_poses
+from alignment.calibration.model_choice import ModelChoice, choose_model
+from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.calibration.start import Start, start_values
+from alignment.errors import DegenerateInputError
+from alignment.imaging.plate_grid import PlateRefusal, observe_plate
+from alignment.values import RigCalibration, nominal_vehicle_from_rig
+from sensors.formats import PlateSession
+
+Progress = Callable[[float, str], None]
+"""Told the fraction that is done, 0 … 1, and what goes on."""
+
+CANDIDATES = ("division", "brown5", "brown8", "thin_prism", "tilted")
+"""Lens models of which cross-validation chooses."""
+_MARKS_SHARE, _CHOICE_SHARE = 0.5, 0.4  # of the time, for the progress
+
+
+class Method(StrEnum):
+    """How a rig is calibrated."""
+
+    JOINT = "joint"
+    HEADS_THEN_POSES = "heads-then-poses"
+
+
+@dataclass(frozen=True)
+class CalibrateSettings:
+    """Choices of a calibration.
+
+    Attributes
+    ----------
+    method
+        Joint adjustment, or each head alone and then their poses.
+    model
+        Lens model; None lets cross-validation choose.
+    adjustment
+        Of the joint adjustment; its `model` is not used.
+    limits
+        Of the gate.
+    """
+
+    method: Method = Method.JOINT
+    model: str | None = None
+    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
+    limits: GateLimits = field(default_factory=GateLimits)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What came out.
+
+    Attributes
+    ----------
+    judgement
+        The gate's answer, or why no plate was found.
+    calibration
+        None when refused.
+    data
+        The observations; None where a plate was not recognised.
+    adjustment
+        The joint adjustment, by which either method is judged; None where there was none.
+    choice
+        How the lens model was chosen; None where it was given.
+    rms_px
+        RMS length of the residuals of the method, pixels.
+    refusals
+        Images in which the plate was not recognised, by view, head and side.
+    """
+
+    judgement: Judgement
+    calibration: RigCalibration | None = None
+    data: CalibrationInput | None = None
+    adjustment: Adjustment | None = None
+    choice: ModelChoice | None = None
+    rms_px: float | None = None
+    refusals: tuple[tuple[str, CameraKey, PlateRefusal], ...] = ()
+
+
+def calibrate_session(
+    session: PlateSession, settings: CalibrateSettings, now_utc: datetime, progress: Progress
+) -> Calibrated:
+    """Calibrate a rig from a plate session.
+
+    Parameters
+    ----------
+    session
+        Images and plate.
+    settings
+        Choices.
+    now_utc
+        Time of the calibration, aware; part of its id.
+    progress
+        Told how far it is.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the session lacks a camera of a head.
+    """
+    views, refusals = _observe(session, progress)
+    if refusals:
+        return Calibrated(_not_recognised(refusals), refusals=tuple(refusals))
+    data = CalibrationInput(session.plate.plate, views, dict(session.sizes), session.stage_sigma_mm)
+    before = judge_input(data, settings.limits)
+    if not before:
+        return Calibrated(before, data=data)
+    try:
+        start = start_values(data, "brown5")
+        choice = None if settings.model else _choose(data, settings, start, progress)
+        model = settings.model or (choice.model if choice else "brown5")
+        progress(_MARKS_SHARE + _CHOICE_SHARE, f"adjustment, lens model {model}")
+        adjustment = adjust(data, replace(settings.adjustment, model=model), start)
+        return _calibrated(session, settings, now_utc, adjustment, choice)
+    except DegenerateInputError as error:
+        return Calibrated(judge_failure(data, error, settings.adjustment), data=data)
+
+
+def _calibrated(
+    session: PlateSession,
+    settings: CalibrateSettings,
+    now_utc: datetime,
+    adjustment: Adjustment,
+    choice: ModelChoice | None,
+) -> Calibrated:
+    vehicle_from_rig = nominal_vehicle_from_rig(session.side)
+    joint = adjustment.rig_calibration("joint", session.rig, session.side, vehicle_from_rig)
+    judgement = judge(adjustment, joint, settings.limits)
+    calibration, rms = joint, adjustment.rms_px
+    if settings.method is Method.HEADS_THEN_POSES:
+        apart = heads_then_poses(adjustment.data, replace(settings.adjustment, model=adjustment.model))
+        # Its own uncertainty is not known: the joint covariance is that of another estimate.
+        calibration = as_rig_calibration(
+            adjustment.data, apart.cameras, None, "apart", session.rig, session.side, vehicle_from_rig
+        )
+        rms = apart.rms_px
+        judgement = replace(judgement, camber_u95=None, toe_u95=None)
+    named = replace(calibration, id=calibration_id(calibration, now_utc)) if judgement else None
+    return Calibrated(judgement, named, adjustment.data, adjustment, choice, rms)
+
+
+def calibration_id(calibration: RigCalibration, now_utc: datetime) -> str:
+    """Identity of a calibration: its rig, its time, and a digest of what it says of the cameras."""
+    digest = hashlib.sha256()
+    for head in calibration.heads:
+        for camera in head.cameras:
+            for part in (
+                camera.model.parameters,
+                camera.rig_from_camera.rotation,
+                camera.rig_from_camera.translation,
+            ):
+                digest.update(np.ascontiguousarray(part).tobytes())
+    return f"{calibration.rig}-{now_utc:%Y%m%dT%H%M%S}-{digest.hexdigest()[:8]}"
+
+
+def _observe(
+    session: PlateSession, progress: Progress
+) -> tuple[tuple[PlateView, ...], list[tuple[str, CameraKey, PlateRefusal]]]:
+    """Marks of every image, as many images at a time as there are cores."""
+    jobs = [(view, key) for view in session.views for key in view.images]
+    plates = {head: session.plate.seen_by(head) for head in session.heads}
+    found: dict[tuple[str, CameraKey], MarkObservations] = {}
+    refusals = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        results = pool.map(
+            lambda job: observe_plate(job[0].images[job[1]], plates[job[1][0]], corrected=False), jobs
+        )
+        for n, ((view, key), result) in enumerate(zip(jobs, results, strict=True)):
+            progress(_MARKS_SHARE * n / len(jobs), f"marks of {view.name}, {' '.join(key)}")
+            if isinstance(result, PlateRefusal):
+                refusals.append((view.name, key, result))
+            else:
+                found[view.name, key] = result
+    views = tuple(
+        PlateView(
+            view.name,
+            view.stage_mm,
+            {key: found[view.name, key] for key in view.images if (view.name, key) in found},
+        )
+        for view in session.views
+    )
+    return views, refusals
+
+
+def _not_recognised(refusals: list[tuple[str, CameraKey, PlateRefusal]]) -> Judgement:
+    sentences = [f"view {view}, {' '.join(key)}: {refusal.reason}" for view, key, refusal in refusals]
+    shown = sentences[:3]
+    if len(sentences) > len(shown):
+        shown.append(f"and {len(sentences) - len(shown)} more images")
+    return Judgement(CalibrationProblem.PLATE_NOT_RECOGNISED, "; ".join(shown))
+
+
+def _choose(
+    data: CalibrationInput, settings: CalibrateSettings, start: Start, progress: Progress
+) -> ModelChoice:
+    tried = 0
+
+    def tell(model: str) -> None:
+        nonlocal tried
+        progress(_MARKS_SHARE + _CHOICE_SHARE * tried / len(CANDIDATES), f"lens model {model}")
+        tried += 1
+
+    return choose_model(data, settings.adjustment, CANDIDATES, start, tell)

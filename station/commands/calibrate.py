@@ -1,0 +1,133 @@
+"""`truewheel calibrate`: from images of the plate to a calibration file."""
+
+from __future__ import annotations
+
+import math
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+
+if TYPE_CHECKING:
+    from station.calibrate import Calibrated
+
+
+class MethodOption(StrEnum):
+    """How a rig is calibrated."""
+
+    JOINT = "joint"
+    HEADS_THEN_POSES = "heads-then-poses"
+
+
+class ModelOption(StrEnum):
+    """Lens model."""
+
+    AUTO = "auto"
+    DIVISION = "division"
+    RADIAL = "radial"
+    BROWN5 = "brown5"
+    BROWN8 = "brown8"
+    THIN_PRISM = "thin_prism"
+    TILTED = "tilted"
+
+
+def calibrate(
+    session: Annotated[Path, typer.Argument(help="Folder of a plate session.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Calibration file. Written, an older one replaced, only when the calibration is accepted; "
+            "what it was computed from goes beside it.",
+            show_default=False,
+        ),
+    ],
+    method: Annotated[
+        MethodOption, typer.Option(help="All cameras jointly, or each head alone and then their poses.")
+    ] = MethodOption.JOINT,
+    model: Annotated[
+        ModelOption, typer.Option(help="Lens model; auto chooses by cross-validation.")
+    ] = ModelOption.AUTO,
+    as_json: JsonFlag = False,
+) -> None:
+    """Calibrate a rig from images of a plate; exit status 1 when the calibration is refused."""
+    from datetime import UTC, datetime
+
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from sensors.formats import read_plate_session, write_calibration
+    from sensors.formats.calibration_input import write_calibration_input
+    from station.calibrate import CalibrateSettings, Method, calibrate_session
+
+    settings = CalibrateSettings(Method(method.value), None if model is ModelOption.AUTO else model.value)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("reading the images", total=1.0)
+        images = read_plate_session(session)
+        now = datetime.now(UTC)
+        started = time.perf_counter()
+        found = calibrate_session(
+            images,
+            settings,
+            now,
+            lambda done, doing: bar.update(task, completed=done, description=doing),
+        )
+        duration_s = time.perf_counter() - started
+        bar.update(task, completed=1.0, description="done")
+    beside = out.with_suffix(".input.json")
+    if found.calibration is not None and found.data is not None and found.adjustment is not None:
+        text = f"{method.value}, lens model {found.adjustment.model}, {len(images.views)} views of the plate"
+        write_calibration_input(beside, found.data, found.calibration.id)
+        write_calibration(out, found.calibration, method=text, created_utc=now)
+    result = calibrated_as_json(found, out, beside, duration_s)
+    if as_json:
+        print_json(result)
+    elif found.calibration is not None:
+        typer.echo(f"accepted: {found.judgement.reason}")
+        typer.echo(f"wrote {out}: calibration {found.calibration.id}, {duration_s:.1f} s")
+    else:
+        typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
+    if found.calibration is None:
+        raise typer.Exit(GOAL_MISSED)
+
+
+def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: float) -> dict[str, Any]:
+    """Return what `truewheel calibrate --json` prints."""
+    judgement, accepted = found.judgement, found.calibration is not None
+    adjustment, choice = found.adjustment, found.choice
+    return {
+        "outcome": "accepted" if accepted else "refused",
+        "reason": None if accepted else judgement.reason,
+        "reason_code": None if judgement.problem is None else judgement.problem.value,
+        "reprojection_rms_px": found.rms_px,
+        "calibration_id": None if found.calibration is None else found.calibration.id,
+        "predicted_camber_u95_deg": _degrees(judgement.camber_u95),
+        "predicted_toe_u95_deg": _degrees(judgement.toe_u95),
+        "model": None if adjustment is None else adjustment.model,
+        "model_chosen_by": None if choice is None else f"left-out {choice.left_out}",
+        "views": None if found.data is None else len(found.data.views),
+        "marks": None if adjustment is None else len(adjustment.mark),
+        "calibration": str(out) if accepted else None,
+        "input": str(beside) if accepted else None,
+        "cameras": [
+            {
+                "camera": figures.name,
+                "marks": figures.marks,
+                "image_share": figures.image_share,
+                "depth_share": figures.depth_share,
+                "noise_scale": figures.noise_scale,
+                "outliers": figures.outliers,
+                "structure": figures.structure,
+            }
+            for figures in judgement.cameras
+        ],
+        "duration_s": duration_s,
+    }
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
