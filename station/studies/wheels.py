@@ -1,0 +1,122 @@
+"""A simulated rig, calibrated from plate images, and wheels before it: what the wheel studies share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.calibration.adjustment import adjust
+from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.errors import DegenerateInputError
+from alignment.imaging.plate_grid import PlateRefusal, observe_plate
+from alignment.values import RigCalibration, Side, StereoImages, WheelMeasurement
+from sensors.formats import read_plate
+from sensors.formats.plate_session import PlateSession
+from sensors.simulation.optics import Samples, develop, integrate
+from sensors.simulation.plate_session import PlateSessionSpec, plate_positions, simulate_plate_session
+from sensors.simulation.render import SAMPLES, render_samples
+from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
+from sensors.simulation.scene import WheelScene, truth_of
+from station.commands.output import default_config
+
+Array = NDArray[np.float64]
+
+ARCMIN = math.radians(1.0 / 60.0)
+PLATE = "plates/rig.toml"
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRig:
+    """A rig as built: its nominal geometry and its true cameras, which only the scoring may use."""
+
+    spec: RigSpec
+    side: Side
+    true: RigCalibration
+
+
+def study_rig(preset: str, seed: int, side: Side = "left") -> StudyRig:
+    """Build the rig of a preset; the same seed gives the same one."""
+    spec = RIG_SPECS[preset]
+    return StudyRig(spec, side, build_rig(spec, f"front_{side}", side, np.random.default_rng([seed, 0])))
+
+
+def calibrate_from_plate(rig: StudyRig, seed: int, views: int = 7) -> RigCalibration:
+    """Calibrate a rig jointly from rendered images of a plate; each seed has another plate, stage and noise.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the plate is not recognised, or does not determine the cameras.
+    """
+    session, _ = simulate_plate_session(
+        PlateSessionSpec(positions=plate_positions(views)),
+        read_plate(default_config(None, PLATE)),
+        rig.true,
+        np.random.default_rng([seed, 2]),
+    )
+    adjustment = adjust(observed(session))
+    return adjustment.rig_calibration(f"plate-{seed}", rig.true.rig, rig.side, rig.true.vehicle_from_rig)
+
+
+def observed(session: PlateSession) -> CalibrationInput:
+    """Marks of every image of a session of a whole rig.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the plate is not recognised in an image.
+    """
+    views = []
+    for view in session.views:
+        seen: dict[CameraKey, MarkObservations] = {}
+        for key, image in view.images.items():
+            found = observe_plate(image, session.plate.seen_by(key[0]))
+            if isinstance(found, PlateRefusal):
+                raise DegenerateInputError(
+                    field=f"{view.name}, {' '.join(key)}", expected="the plate", seen=found.reason
+                )
+            seen[key] = found
+        views.append(PlateView(view.name, view.stage_mm, seen))
+    return CalibrationInput(session.plate.plate, tuple(views), dict(session.sizes), session.stage_sigma_mm)
+
+
+def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Samples, Samples]]:
+    """Light on the chips of each head's cameras, without noise: what rendering costs its time for."""
+    pose = scene.rig_from_tyre(cameras)
+    out = []
+    for head in cameras.heads:
+        pair = [
+            integrate(render_samples(scene, camera, pose), SAMPLES, scene.optics.blur_px)
+            * np.float32(scene.transmission.get(f"{head.name}.{side}", 1.0))
+            for camera, side in zip(head.cameras, ("left", "right"), strict=True)
+        ]
+        out.append((pair[0], pair[1]))
+    return out
+
+
+def exposed(
+    light: Sequence[tuple[Samples, Samples]],
+    scene: WheelScene,
+    rng: np.random.Generator,
+    exposure_ms: float = 5.0,
+) -> list[StereoImages]:
+    """Images of that light, with noise of their own."""
+    return [
+        StereoImages(
+            develop(left, scene.optics, rng, exposure_ms), develop(right, scene.optics, rng, exposure_ms)
+        )
+        for left, right in light
+    ]
+
+
+def errors_arcmin(result: WheelMeasurement, scene: WheelScene) -> tuple[float, float]:
+    """Measured less true (camber, toe), arcminutes."""
+    truth = truth_of(scene)
+    return (
+        (result.camber - math.radians(truth.camber_deg)) / ARCMIN,
+        (result.toe - math.radians(truth.toe_deg)) / ARCMIN,
+    )
