@@ -63,7 +63,11 @@ def _sobel(image: Floats) -> tuple[Floats, Floats]:
 
 
 def _kirsch(image: Floats) -> tuple[Floats, Floats]:
-    """Slope along the strongest of eight compass masks; its direction is interpolated between them."""
+    """Slope along the strongest of eight compass masks; its direction is interpolated between them.
+
+    The masks weigh their bright side more (5 against 3), which shifts a blurred edge to the dark side by
+    about a tenth of a pixel.
+    """
     ring = [(0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0)]
     gx, gy = np.zeros_like(image), np.zeros_like(image)
     strongest = np.full(image.shape, -np.inf, np.float32)
@@ -72,8 +76,8 @@ def _kirsch(image: Floats) -> tuple[Floats, Floats]:
         kernel[1, 1] = 0.0
         for m in (-1, 0, 1):
             kernel[ring[(1 + k + m) % 8]] = 5.0
-        # 15 is the response to a slope of one grey level per pixel along the mask's direction: (5·3+3·5)/2.
-        response = _filtered(image, kernel / 15.0)
+        # 24 = 5·3 + 3·3 is the response to a slope of one grey level per pixel along a row.
+        response = _filtered(image, kernel / 24.0)
         y, x = ring[(1 + k) % 8]
         length = np.hypot(x - 1, y - 1)
         gx += response * np.float32((x - 1) / length)

@@ -15,6 +15,7 @@ from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
 
 _POOL = 4  # pixels of the image per pixel of the map of light
+_LEVEL = 0.45  # between ground and darkest; under a half, since marks may be lighter than their neighbours
 _NOISE_FACTOR = 10.0  # depth of the faintest mark over the noise
 _RANGE_FACTOR = 0.08  # and over the image's range
 _LEAST_DEPTH = 4.0  # grey levels of an 8-bit image
@@ -62,9 +63,9 @@ def find_marks(
     """Find round marks whose whole outline is in the image.
 
     The ground's light is mapped by a morphological closing that fills every mark, and a pixel belongs to a
-    mark when it is darker than half-way between that ground and the darkest near it: uneven light does not
-    matter, and where nothing is darker than noise there are no marks. Outlines that are no ellipses, or cut
-    by the border, are left out.
+    mark when it is darker than about half-way between that ground and the darkest near it: uneven light does
+    not matter, and where nothing is darker than noise there are no marks. Outlines that are no ellipses, or
+    cut by the border, are left out.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def _below_ground(image: Image, exposure: Exposure, largest_radius: float) -> ND
         _RANGE_FACTOR * (exposure.bright - exposure.dark),
         _LEAST_DEPTH * grey,
     )
-    level = np.where(depth >= faintest, ground - 0.5 * depth, -1.0).astype(np.float32)
+    level = np.where(depth >= faintest, ground - _LEVEL * depth, -1.0).astype(np.float32)
     full = cv2.resize(level, (width, height), interpolation=cv2.INTER_LINEAR)
     return cast(
         NDArray[np.uint8], cv2.compare(image, np.ceil(np.maximum(full, 0.0)).astype(image.dtype), cv2.CMP_LT)

@@ -1,10 +1,11 @@
 """Fits a blurred ellipse to the grey levels of each mark: the centre, and its covariance from the residuals.
 
-The model of a full mark is I(p) = G(p) + (M − G(p)) Φ(−z), G(p) the ground's light, a plane, M the mark's
-level, and z = (d + ½ κ σ²)/σ with d the distance of p from the ellipse, outward positive, σ the blur and κ
-the ellipse's curvature there: a blurred convex edge moves inward by ½ κ σ². A ring mark has a second, similar
-ellipse with its own centre, within which the ground shows. All parameters are fitted by Gauss–Newton with
-damping to all pixels around the outline, those far from the model weighted down (Huber).
+The model of a full mark is I(p) = L(p) (G + (M − G) Φ(−z)) with the levels of ground G and mark M, the light
+L(p) = 1 + l·p that changes linearly over both, and z = (d + ½ κ σ²)/σ with d the distance of p from the
+ellipse, outward positive, σ the blur and κ the ellipse's curvature there: a blurred convex edge moves inward
+by ½ κ σ². A ring mark has a second, similar ellipse with its own centre, within which the ground shows. All
+parameters are fitted by Gauss–Newton with damping to all pixels around the outline, those far from the model
+weighted down (Huber).
 
 Distances are those of first order, (ρ² − ρ)/|Uᵀ U p| with ρ = |U p|: exact for circles, and even about the
 centre for ellipses, so that they do not move it. Integration over the pixel's square is part of the blur: it
@@ -17,12 +18,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 
-#: Parameters: centre, factor U (u11, u12, u22), blur, mark, ground, its slope over x and y; middle: ratio,
+#: Parameters: centre, factor U (u11, u12, u22), blur, mark, ground, light's change per radius; middle: ratio,
 #: offset.
 CX, CY, A, B, C, BLUR, MARK, GROUND, SLOPE_X, SLOPE_Y, RATIO, OFFSET_X, OFFSET_Y = range(13)
 FULL, RING = 10, 13
@@ -83,8 +85,8 @@ def _edge(px: float, py: float, a: float, b: float, c: float, blur: float, out: 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 def _row(px: float, py: float, p: Array, ring: bool, scale: float, j: Array, dz: Array) -> float:
     """Model at a place relative to the centre, and its derivatives by all parameters in `j`."""
-    ground = p[GROUND] + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
-    step = p[MARK] - ground
+    light = 1.0 + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
+    step = light * (p[MARK] - p[GROUND])
     share, change = _edge(px, py, p[A], p[B], p[C], p[BLUR], dz)
     weight = step * change
     for k in range(6):
@@ -105,14 +107,15 @@ def _row(px: float, py: float, p: Array, ring: bool, scale: float, j: Array, dz:
         j[RATIO] = -weight * (dz[2] * p[A] + dz[3] * p[B] + dz[4] * p[C]) / (ratio * ratio)
         j[OFFSET_X] = weight * dz[0]
         j[OFFSET_Y] = weight * dz[1]
-    bare = 1.0 - share
-    j[CX] -= bare * p[SLOPE_X] * scale
-    j[CY] -= bare * p[SLOPE_Y] * scale
-    j[MARK] = share
-    j[GROUND] = bare
-    j[SLOPE_X] = bare * px * scale
-    j[SLOPE_Y] = bare * py * scale
-    return float(ground + step * share)
+    level = p[GROUND] + (p[MARK] - p[GROUND]) * share
+    change = level * scale
+    j[CX] -= change * p[SLOPE_X]
+    j[CY] -= change * p[SLOPE_Y]
+    j[MARK] = light * share
+    j[GROUND] = light * (1.0 - share)
+    j[SLOPE_X] = change * px
+    j[SLOPE_Y] = change * py
+    return float(light * level)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -144,14 +147,10 @@ def _normal_equations(
             s = u0 * u0 + u1 * u1
             if s > band[3] or (s < band[0] and not ring):
                 continue
-            edge = False
-            if s > band[2]:
-                model = p[GROUND] + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
-            elif s < band[1] and not ring:
-                model = p[MARK]
-            else:
-                model = _row(px, py, p, ring, scale, j, dz)
-                edge = True
+            edge = not (s > band[2] or (s < band[1] and not ring))
+            flat = MARK if s < 1.0 else GROUND
+            light = 1.0 + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
+            model = _row(px, py, p, ring, scale, j, dz) if edge else p[flat] * light
             r = float(image[y, x]) - model
             far = abs(r)
             weight = 1.0
@@ -163,20 +162,17 @@ def _normal_equations(
             squares += weight * r * r
             used += 1
             if not edge:
-                if s < 1.0:
-                    g[MARK] += weight * r
-                    n[MARK, MARK] += weight
-                else:
-                    wx, wy = weight * px * scale, weight * py * scale
-                    g[GROUND] += weight * r
-                    g[SLOPE_X] += wx * r
-                    g[SLOPE_Y] += wy * r
-                    n[GROUND, GROUND] += weight
-                    n[SLOPE_X, GROUND] += wx
-                    n[SLOPE_Y, GROUND] += wy
-                    n[SLOPE_X, SLOPE_X] += wx * px * scale
-                    n[SLOPE_Y, SLOPE_X] += wy * px * scale
-                    n[SLOPE_Y, SLOPE_Y] += wy * py * scale
+                jx, jy = p[flat] * scale * px, p[flat] * scale * py
+                wl, wx, wy = weight * light, weight * jx, weight * jy
+                g[flat] += wl * r
+                g[SLOPE_X] += wx * r
+                g[SLOPE_Y] += wy * r
+                n[flat, flat] += wl * light
+                n[SLOPE_X, flat] += wx * light
+                n[SLOPE_Y, flat] += wy * light
+                n[SLOPE_X, SLOPE_X] += wx * jx
+                n[SLOPE_Y, SLOPE_X] += wy * jx
+                n[SLOPE_Y, SLOPE_Y] += wy * jy
             elif ring:
                 for k in range(RING):
                     wj = weight * j[k]
@@ -265,13 +261,13 @@ def _centre_covariance(
             s = u0 * u0 + u1 * u1
             if s > band[3] or (s < band[0] and not ring):
                 continue
-            if s > band[2]:
-                sx, sy = px * scale, py * scale
-                model = p[GROUND] + p[SLOPE_X] * sx + p[SLOPE_Y] * sy
-                ex = rows[0, GROUND] + rows[0, SLOPE_X] * sx + rows[0, SLOPE_Y] * sy
-                ey = rows[1, GROUND] + rows[1, SLOPE_X] * sx + rows[1, SLOPE_Y] * sy
-            elif s < band[1] and not ring:
-                model, ex, ey = p[MARK], rows[0, MARK], rows[1, MARK]
+            if s > band[2] or (s < band[1] and not ring):
+                flat = MARK if s < 1.0 else GROUND
+                light = 1.0 + (p[SLOPE_X] * px + p[SLOPE_Y] * py) * scale
+                jx, jy = p[flat] * scale * px, p[flat] * scale * py
+                model = p[flat] * light
+                ex = rows[0, flat] * light + rows[0, SLOPE_X] * jx + rows[0, SLOPE_Y] * jy
+                ey = rows[1, flat] * light + rows[1, SLOPE_X] * jx + rows[1, SLOPE_Y] * jy
             else:
                 model = _row(px, py, p, ring, scale, j, dz)
                 ex = ey = 0.0

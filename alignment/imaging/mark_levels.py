@@ -161,12 +161,10 @@ def arctan_rays(image: Image, centre: Array, shape: Array) -> Located | None:
             break
     try:
         start, outline = fit_ellipse(points)
-        _, _, _, rms = refine_ellipse(points, start, outline)
+        start, outline, covariance, rms = refine_ellipse(points, start, outline)
     except DegenerateInputError:
         return None
-    # Rays closer than a pixel share their pixels: only 2πR of them are independent.
-    covariance = rms**2 / (math.pi * radius) * np.eye(2)
-    return middle, covariance, outline
+    return middle, covariance * _sharing(points, start, outline, rms), outline
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -271,6 +269,23 @@ def _fit_arctan(grey: Array, spacing: float) -> tuple[float, bool]:
     return p3, False
 
 
+def _sharing(points: Array, centre: Array, shape: Array, rms: float) -> float:
+    """How many times the variance of a centre is that of independent points.
+
+    Neighbouring edge points share pixels, and so errors. An error of the centre goes once around the outline;
+    what goes around three to eight times is left in the residuals and shows how large such slow errors are.
+    """
+    factor = np.linalg.cholesky(np.linalg.inv(shape)).T
+    u = (points - centre) @ factor.T
+    rho = np.hypot(*u.T)
+    w = u @ factor
+    distance = (rho - 1.0) * rho / np.hypot(*w.T)
+    angle = np.arctan2(u[:, 1], u[:, 0])
+    waves = np.exp(1j * angle[:, None] * np.arange(3, 9))
+    power = float((np.abs(distance @ waves) ** 2).mean()) / len(points)
+    return max(1.0, power / max(rms**2, 1e-18))
+
+
 def edge_ellipse(image: Image, centre: Array, shape: Array, operator: str) -> Located | None:
     """Ellipse by least distances through the points of an edge operator near the rough outline."""
     values = np.linalg.eigvalsh(shape)
@@ -289,7 +304,7 @@ def edge_ellipse(image: Image, centre: Array, shape: Array, operator: str) -> Lo
         return None
     try:
         middle, outline = fit_ellipse(points)
-        middle, outline, covariance, _ = refine_ellipse(points, middle, outline)
+        middle, outline, covariance, rms = refine_ellipse(points, middle, outline)
     except (DegenerateInputError, np.linalg.LinAlgError):
         return None
-    return middle + corner, covariance, outline
+    return middle + corner, covariance * _sharing(points, middle, outline, rms), outline

@@ -23,7 +23,7 @@ from alignment.imaging.marks import Array, Bools, Marks, RoughMarks, upper_facto
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
 
-_LEAST_SIGMA = 0.002  # pixels: what the model itself may be wrong by
+_LEAST_SIGMA = 0.001  # pixels: what the model itself may be wrong by
 _WORST_FIT = 0.2  # RMS residual over contrast of a mark that is believed
 _SATURATED = 0.995  # of the largest grey level
 

@@ -25,7 +25,8 @@ Threshold = Callable[[Image], "float | Array"]
 _BINS = 256
 _FULL_MARK = math.pi / 16.0  # dark fraction of a window four radii wide around a full mark
 _REGION = 64  # side of a Chow–Kaneko window, pixels; windows overlap by half
-_VALLEY_DEPTH = 0.8  # largest ratio of valley to lower peak in a bimodal window
+_LEAST_CLASS = 0.02  # share of a class in a bimodal window
+_SEPARATION = 3.0  # distance of its peaks over the sum of their deviations
 
 
 def histogram(image: Image) -> tuple[Array, Array]:
@@ -37,8 +38,8 @@ def histogram(image: Image) -> tuple[Array, Array]:
 
 def p_tile(image: Image, fraction: float = _FULL_MARK) -> float:
     """Level that the given fraction of the pixels is below, between grey levels where it needs to be."""
-    if not image.size:
-        return 0.0
+    if image.min() == image.max():
+        return float(image.min())
     values = np.bincount(image.ravel())
     total = np.cumsum(values)
     target = fraction * image.size
@@ -50,7 +51,7 @@ def p_tile(image: Image, fraction: float = _FULL_MARK) -> float:
 def valley(image: Image) -> float:
     """Lowest place between the two peaks of the histogram, smoothed until it has two (Prewitt–Mendelsohn)."""
     try:
-        return float(filters.threshold_minimum(image))
+        return float(filters.threshold_minimum(hist=histogram(image)))
     except RuntimeError:  # scikit-image's word for a histogram that never shows two peaks
         return otsu(image)
 
@@ -70,7 +71,7 @@ def iterative(image: Image) -> float:
     """Middle of the means of both sides, repeated until it stays (Ridler–Calvard)."""
     if image.min() == image.max():
         return float(image.min())
-    return float(np.min(filters.threshold_isodata(image)))
+    return float(filters.threshold_isodata(hist=histogram(image)))
 
 
 def otsu(image: Image) -> float:
@@ -154,27 +155,26 @@ def chow_kaneko(image: Image) -> Array:
 
 
 def _bimodal_threshold(window: Image) -> float:
-    """Crossing of two normal distributions fitted to the window's histogram; NaN when it is not bimodal."""
-    counts, middles = histogram(window)
-    start = minimum_error(window)
-    low = middles < start
-    weights = np.array([counts[low].sum(), counts[~low].sum()])
-    if weights.min() < 0.02 * window.size:
+    """Crossing of two normal distributions fitted to the window's histogram; NaN when it is not bimodal.
+
+    Medians and absolute deviations fit the two peaks alone: the pixels on blurred edges between them would
+    widen the smaller one.
+    """
+    dark = window < otsu(window)
+    classes = [window[dark].astype(np.float64), window[~dark].astype(np.float64)]
+    weights = np.array([len(values) for values in classes])
+    if weights.min() < _LEAST_CLASS * window.size:
         return math.nan
-    means = np.array([np.average(middles[s], weights=counts[s]) for s in (low, ~low)])
+    means = np.array([np.median(values) for values in classes])
     spreads = np.array(
-        [
-            math.sqrt(np.average((middles[s] - m) ** 2, weights=counts[s]))
-            for s, m in zip((low, ~low), means, strict=True)
-        ]
+        [1.4826 * np.median(np.abs(values - m)) for values, m in zip(classes, means, strict=True)]
     )
-    spreads = np.maximum(spreads, 0.5 * float(middles[1] - middles[0]))
-    grid = np.linspace(means[0], means[1], 65)
-    density = weights / spreads * np.exp(-0.5 * ((grid[:, None] - means) / spreads) ** 2)
-    depth = density.sum(axis=1)
-    if means[1] - means[0] < 4.0 * spreads.mean() or depth.min() > _VALLEY_DEPTH * min(depth[0], depth[-1]):
+    spreads = np.maximum(spreads, 0.5)
+    if means[1] - means[0] < _SEPARATION * spreads.sum():
         return math.nan
-    return float(grid[np.argmin(np.abs(np.log(density[:, 0] + 1e-300) - np.log(density[:, 1] + 1e-300)))])
+    grid = np.linspace(means[0], means[1], 65)
+    density = np.log(weights / spreads) - 0.5 * ((grid[:, None] - means) / spreads) ** 2
+    return float(grid[np.argmin(np.abs(density[:, 0] - density[:, 1]))])
 
 
 THRESHOLDS: dict[str, Threshold] = {
