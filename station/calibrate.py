@@ -119,7 +119,7 @@ def calibrate_session(
     DegenerateInputError
         When the session lacks a camera of a head.
     """
-    views, refusals = _observe(session, progress)
+    views, refusals = observe_session(session, progress)
     if refusals:
         return Calibrated(_not_recognised(refusals), refusals=tuple(refusals))
     data = CalibrationInput(session.plate.plate, views, dict(session.sizes), session.stage_sigma_mm)
@@ -174,7 +174,7 @@ def calibration_id(calibration: RigCalibration, now_utc: datetime) -> str:
     return f"{calibration.rig}-{now_utc:%Y%m%dT%H%M%S}-{digest.hexdigest()[:8]}"
 
 
-def _observe(
+def observe_session(
     session: PlateSession, progress: Progress
 ) -> tuple[tuple[PlateView, ...], list[tuple[str, CameraKey, PlateRefusal]]]:
     """Marks of every image, as many images at a time as there are cores."""

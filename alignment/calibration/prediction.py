@@ -191,7 +191,7 @@ def _size(camera: PosedCamera) -> int:
     return 6 + len(camera.model.parameters)
 
 
-def _camera_derivatives(camera: PosedCamera, points: Array) -> tuple[Array, Array]:
+def camera_derivatives(camera: PosedCamera, points: Array) -> tuple[Array, Array]:
     """(N, 2, 3) derivatives of pixels by the point, rig frame, and (N, 2, P) by the camera's parameters."""
     rotation = camera.rig_from_camera.rotation
     inside = camera.rig_from_camera.inverse().apply(points)
@@ -240,7 +240,7 @@ def _line_sensitivity(head: HeadCalibration, points: Array) -> Array:
 
 def _stacked(head: HeadCalibration, points: Array) -> tuple[Array, Array]:
     """(N, 4, 3) and (N, 4, P) derivatives of left and right pixels by the point and by the head's cameras."""
-    (left_point, left), (right_point, right) = (_camera_derivatives(c, points) for c in head.cameras)
+    (left_point, left), (right_point, right) = (camera_derivatives(c, points) for c in head.cameras)
     by_camera = np.zeros((len(points), 4, left.shape[2] + right.shape[2]))
     by_camera[:, :2, : left.shape[2]] = left
     by_camera[:, 2:, left.shape[2] :] = right

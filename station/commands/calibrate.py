@@ -13,6 +13,10 @@ import typer
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
+    from alignment.calibration.observations import CalibrationInput
+    from sensors.formats import PlateSession
     from station.calibrate import Calibrated
 
 
@@ -51,6 +55,17 @@ def calibrate(
     model: Annotated[
         ModelOption, typer.Option(help="Lens model; auto chooses by cross-validation.")
     ] = ModelOption.AUTO,
+    report: Annotated[
+        Path | None, typer.Option(help="Folder for a report with pictures, HTML.", show_default=False)
+    ] = None,
+    database: Annotated[
+        str | None,
+        typer.Option(
+            help="URL of the result database that keeps an accepted calibration, with figures as found and "
+            "as left.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Calibrate a rig from images of a plate; exit status 1 when the calibration is refused."""
@@ -83,7 +98,12 @@ def calibrate(
         text = f"{method.value}, lens model {found.adjustment.model}, {len(images.views)} views of the plate"
         write_calibration_input(beside, found.data, found.calibration.id)
         write_calibration(out, found.calibration, method=text, created_utc=now)
-    result = calibrated_as_json(found, out, beside, duration_s)
+        if database is not None:
+            _keep(database, out, found.data, images.time_utc)
+    page = None if report is None else _write_report(report, found, images, now)
+    result = calibrated_as_json(found, out, beside, duration_s) | {
+        "report": None if page is None else str(page)
+    }
     if as_json:
         print_json(result)
     elif found.calibration is not None:
@@ -93,6 +113,32 @@ def calibrate(
         typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
     if found.calibration is None:
         raise typer.Exit(GOAL_MISSED)
+
+
+def _keep(database: str, out: Path, data: CalibrationInput, utc: datetime) -> None:
+    from sensors.formats import read_calibration_file
+    from station.calibration_check import accept_calibration
+
+    file = read_calibration_file(out)
+    accept_calibration(database, file, file.model_dump(mode="json", by_alias=True), data, utc)
+
+
+def _write_report(folder: Path, found: Calibrated, images: PlateSession, now: datetime) -> Path | None:
+    """None when there was nothing to adjust, so nothing to draw."""
+    from station.calibration_report import write_report
+
+    if found.adjustment is None:
+        return None
+    return write_report(
+        folder,
+        found.adjustment,
+        found.judgement,
+        identity="(refused)" if found.calibration is None else found.calibration.id,
+        rig=images.rig,
+        side=images.side,
+        method="joint adjustment",
+        created_utc=now,
+    )
 
 
 def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`truewheel calibration …`: calibrations as files."""
+"""`truewheel calibration …`: calibrations as files, and their life."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from station.commands.calibration_check import check_command
 from station.commands.output import JsonFlag, print_json
 from station.commands.wheel import SideOption
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from alignment.errors import ConfigurationError
 
 calibration_app = typer.Typer(no_args_is_help=True, help="Calibrations of rigs.")
+calibration_app.command("check")(check_command)
 
 
 class FormatOption(StrEnum):

@@ -1,0 +1,104 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from alignment.calibration.check import check_with_plate
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
+from alignment.geometry.transforms import RigidTransform
+from alignment.values import HeadCalibration, RigCalibration
+from sensors.simulation.rigs import RIG_SPECS, build_rig
+from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+
+ARCMIN = np.pi / 10800.0
+
+
+def rig() -> RigCalibration:
+    return build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1))
+
+
+def with_moved_camera(calibration: RigCalibration, turn: np.ndarray, move: np.ndarray) -> RigCalibration:
+    first, *rest = calibration.heads
+    right = PosedCamera(first.right.model, first.right.rig_from_camera.perturbed(turn, move))
+    return replace(calibration, heads=(HeadCalibration(first.name, first.left, right), *rest))
+
+
+@pytest.mark.parametrize("corrected", [True, False])
+def test_a_true_calibration_is_found_unchanged_from_two_views(corrected: bool) -> None:
+    calibration = rig()
+    views = observe(
+        cameras_of(calibration), square_plate(), STAGES[:2], np.random.default_rng(3), corrected=corrected
+    )
+    found = check_with_plate(views.data, calibration)
+    assert abs(found.camber_change) < 0.15 * ARCMIN
+    assert abs(found.toe_change) < 0.15 * ARCMIN
+    assert found.rms_px < 0.12  # the plate's errors
+    assert len(found.cameras) == 6
+
+
+def test_a_moved_camera_is_named_with_what_it_does_to_the_angles() -> None:
+    calibration = rig()
+    turn, move = np.array([2e-4, -3e-4, 1e-4]), np.array([0.05, 0.02, -0.03])
+    views = observe(
+        cameras_of(with_moved_camera(calibration, turn, move)),
+        square_plate(),
+        STAGES[:3],
+        np.random.default_rng(4),
+        ViewErrors(0.001, 0.0, 0.0, 0.0),
+    )
+    found = check_with_plate(views.data, calibration)
+    worst = max(found.cameras, key=lambda each: each.rms_px)
+    assert worst.camera == ("head_1", "right")
+    np.testing.assert_allclose(worst.turn, turn, atol=2e-5)
+    np.testing.assert_allclose(worst.move_mm, move, atol=8e-3)
+    assert worst.rms_px > 0.5
+    assert worst.rms_left_px < 0.005
+    assert max(abs(found.camber_change), abs(found.toe_change)) > 0.3 * ARCMIN
+    others = [each for each in found.cameras if each is not worst]
+    assert max(each.rms_px for each in others) < 0.01
+
+
+def test_views_held_by_hand_find_the_moved_camera_but_not_a_common_turn() -> None:
+    calibration = rig()
+    poses = [
+        RigidTransform.from_rotvec(np.array(turn), np.array([3.0, -2.0, 4.0]))
+        for turn in ((0.02, -0.01, 0.03), (-0.03, 0.02, -0.01))
+    ]
+    exact = ViewErrors(0.001, 0.0, 0.0, 0.0)
+    moved = with_moved_camera(calibration, np.array([0.0, 3e-4, 0.0]), np.zeros(3))
+    views = observe(cameras_of(moved), square_plate(), poses, np.random.default_rng(5), exact)
+    found = check_with_plate(views.data, calibration)
+    assert found.rms_px > 0.1
+    assert found.rms_left_px < 0.005
+    assert max(found.cameras, key=lambda each: each.rms_px).camera[0] == "head_1"
+
+
+def test_a_refocused_lens_stays_in_the_residuals() -> None:
+    calibration = rig()
+    first, *rest = calibration.heads
+    lens = first.left.model.with_parameters(first.left.model.parameters * [1.003, 1.003, *[1.0] * 7])
+    refocused = replace(
+        calibration,
+        heads=(
+            HeadCalibration(first.name, PosedCamera(lens, first.left.rig_from_camera), first.right),
+            *rest,
+        ),
+    )
+    views = observe(
+        cameras_of(refocused),
+        square_plate(),
+        STAGES[:3],
+        np.random.default_rng(6),
+        ViewErrors(0.001, 0, 0, 0),
+    )
+    found = check_with_plate(views.data, calibration)
+    assert max(found.cameras, key=lambda each: each.rms_left_px).camera == ("head_1", "left")
+
+
+def test_a_session_of_another_rig_is_refused() -> None:
+    calibration = rig()
+    views = observe(cameras_of(calibration), square_plate(), STAGES[:1], np.random.default_rng(7))
+    other = replace(calibration, heads=calibration.heads[:2])
+    with pytest.raises(DegenerateInputError, match="difference in head_3 left, head_3 right"):
+        check_with_plate(views.data, other)

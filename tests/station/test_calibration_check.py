@@ -1,0 +1,196 @@
+"""`truewheel calibration check`, and what the database keeps of an accepted calibration."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from alignment.calibration.observations import CalibrationInput
+from alignment.geometry.cameras import PosedCamera
+from alignment.values import (
+    HeadCalibration,
+    HeadQuality,
+    Refusal,
+    RefusalCode,
+    RigCalibration,
+    WheelMeasurement,
+)
+from db.records import CheckKind, CheckOutcome
+from db.store import ResultStore
+from sensors.formats import CalibrationFile, read_calibration_file, read_plate, write_calibration
+from sensors.formats.plate_session import write_plate_session
+from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
+from station.calibration_check import CheckLimits, MasterWheel, accept_calibration, judge_master
+from station.cli import main
+from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from tests.station.calibrations import true_rig
+
+NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
+PLATE = Path(__file__).parents[2] / "configs" / "plates" / "rig.toml"
+ARCMIN = math.pi / 10800.0
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    return int(ended.value.code or 0)
+
+
+def knocked(calibration: RigCalibration) -> RigCalibration:
+    """What a calibration would be if the first head's right camera was turned a little."""
+    first, *rest = calibration.heads
+    pose = first.right.rig_from_camera.perturbed(np.array([0.0, 5e-4, 0.0]), np.zeros(3))
+    right = PosedCamera(first.right.model, pose)
+    return replace(
+        calibration, id="cal-knocked", heads=(HeadCalibration(first.name, first.left, right), *rest)
+    )
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One view of the plate by `true_rig`."""
+    spec = PlateSessionSpec(positions=(PlatePosition("z0"),))
+    images, _ = simulate_plate_session(
+        spec, read_plate(PLATE), true_rig(), np.random.default_rng(3), seed=3, time_utc=NOON
+    )
+    folder = tmp_path_factory.mktemp("check") / "session"
+    write_plate_session(folder, images)
+    return folder
+
+
+def written(path: Path, calibration: RigCalibration) -> CalibrationFile:
+    write_calibration(path, calibration, method="test", created_utc=NOON)
+    return read_calibration_file(path)
+
+
+def test_a_true_calibration_is_within_tolerance_and_the_check_is_kept(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path / "true.json", true_rig())
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    with ResultStore(url, create=True):
+        pass
+    assert run("calibration", "check", session, "--calibration", tmp_path / "true.json", "--json",
+               "--database", url) == 0  # fmt: skip
+    said = json.loads(capsys.readouterr().out)
+    assert said["outcome"] == "within"
+    assert said["kind"] == "plate_session"
+    assert said["stored"] is True
+    assert [f"{each['head']} {each['camera']}" for each in said["figures"]["cameras"]][:2] == [
+        "head_1 left",
+        "head_1 right",
+    ]
+    with ResultStore(url) as store:
+        (check,) = store.calibration_checks(file.id)
+        assert store.calibration(file.id) is not None
+    assert check.utc == NOON
+    assert check.as_found == said["figures"]
+    assert check.as_left is None
+
+
+def test_a_knocked_camera_is_out_of_tolerance_and_named(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "knocked.json", knocked(true_rig()))
+    assert run("calibration", "check", session, "--calibration", tmp_path / "knocked.json") == 1
+    said = capsys.readouterr().out
+    assert "OUT OF tolerance" in said
+    assert "head_1 right" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--camber", "1", "--toe", "0"), "no certified angles with a plate session"),
+        (("--camber", "1"), "both certified angles"),
+    ],
+)
+def test_certified_angles_belong_to_a_master_wheel(
+    session: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    expected: str,
+) -> None:
+    written(tmp_path / "true.json", true_rig())
+    assert run("calibration", "check", session, "--calibration", tmp_path / "true.json", *arguments) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_the_session_of_another_rig_is_bad_input(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "other.json", replace(true_rig(), rig="rear_right"))
+    assert run("calibration", "check", session, "--calibration", tmp_path / "other.json") == 2
+    assert "expected 'rear_right', as in the calibration, found 'front_left'" in capsys.readouterr().err
+
+
+def measured(camber: float, toe: float) -> WheelMeasurement:
+    return WheelMeasurement(
+        camber=camber,
+        toe=toe,
+        angle_covariance=np.diag([1.0, 1.0]) * (0.02 * ARCMIN) ** 2,
+        normal=np.array([0.0, 0.0, 1.0]),
+        centre=np.zeros(3),
+        offset_mm=0.0,
+        points_used=1000,
+        residual_rms_mm=0.02,
+        heads=(HeadQuality("head_1", 1000, 1000, 0.02),),
+        method="tyre_plane/revolution",
+    )
+
+
+@pytest.mark.parametrize(("off", "outcome"), [(0.15, CheckOutcome.WITHIN), (0.25, CheckOutcome.OUT)])
+def test_a_master_wheel_is_judged_against_both_uncertainties(off: float, outcome: CheckOutcome) -> None:
+    master = MasterWheel(0.01, -0.002)
+    found, reason, figures = judge_master(
+        measured(0.01 + 0.01 * ARCMIN, -0.002 - off * ARCMIN), master, CheckLimits()
+    )
+    assert found is outcome
+    assert f"toe -{off:.3f}′" in reason
+    assert figures["toe_deviation_arcmin"] == pytest.approx(-off)
+    assert figures["toe_allowed_arcmin"] == pytest.approx(math.hypot(0.2, 0.04))
+
+
+def test_a_refused_master_wheel_is_out_of_tolerance() -> None:
+    refusal = Refusal(RefusalCode.HEAD_DARK, "head_1 left is dark")
+    found, reason, figures = judge_master(refusal, MasterWheel(0.0, 0.0), CheckLimits())
+    assert found is CheckOutcome.OUT
+    assert "head_1 left is dark" in reason
+    assert figures == {"code": "head_dark"}
+
+
+def simulated_views() -> CalibrationInput:
+    return observe(cameras_of(true_rig()), square_plate(), STAGES[:2], np.random.default_rng(5)).data
+
+
+def test_an_accepted_calibration_is_kept_with_what_was_found_and_what_was_left(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    with ResultStore(url, create=True):
+        pass
+    data = simulated_views()
+
+    def accept(name: str, calibration: RigCalibration) -> Any:
+        file = written(tmp_path / name, calibration)
+        return accept_calibration(url, file, file.model_dump(mode="json", by_alias=True), data, NOON)
+
+    first = accept("first.json", knocked(true_rig()))
+    assert first.as_found is None
+    assert first.predecessor_id is None
+    second = accept("second.json", replace(true_rig(), id="cal-2"))
+    assert second.predecessor_id == "cal-knocked"
+    assert second.outcome is CheckOutcome.OUT
+    assert second.as_found["residual_rms_px"] > 2 * second.as_left["residual_rms_px"]
+    with ResultStore(url) as store:
+        assert store.calibration_checks("cal-2") == (second,)
+        in_force = store.calibration_in_force("front_left", NOON)
+    assert in_force is not None
+    assert in_force.id == "cal-2"
+    assert first.kind is CheckKind.PLATE_SESSION
