@@ -367,6 +367,70 @@ class CalibrationCheckRecord:
 
 
 @dataclass(frozen=True)
+class ZeroRecord:
+    """A zero measurement: a master wheel in front of one rig, as measured and as certified.
+
+    Attributes
+    ----------
+    id
+        Identity; wheel results that it corrected carry it.
+    rig, calibration_id
+        What measured it; it corrects only what rests on the same calibration, which is recorded before.
+    measured_utc
+        When the images were taken; of several zero measurements the newest one counts.
+    master
+        Name of the master wheel.
+    method, shots
+        How, and of what: ``spin_axis`` from several shots, ``tyre_plane/revolution`` from one.
+    camber, toe, certified_camber, certified_toe
+        Radians.
+    camber_u, toe_u, correlation
+        Standard uncertainties, radians (greater than zero), and correlation of measured less certified camber
+        and toe, without the calibration's share.
+    """
+
+    id: str
+    rig: str
+    calibration_id: str
+    measured_utc: datetime
+    master: str
+    method: str
+    shots: int
+    camber: float
+    toe: float
+    certified_camber: float
+    certified_toe: float
+    camber_u: float
+    toe_u: float
+    correlation: float
+    software_version: str
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class ZeroRevocation:
+    """The end of a zero measurement: it corrects nothing from then on, and stays stored."""
+
+    zero_id: str
+    utc: datetime
+    reason: str
+
+    def __post_init__(self) -> None:
+        _check_values(self)
+
+
+@dataclass(frozen=True)
+class StoredZero:
+    """A zero measurement read back: with its revocation, if there is one, and when it was stored."""
+
+    record: ZeroRecord
+    revocation: ZeroRevocation | None
+    stored_utc: datetime
+
+
+@dataclass(frozen=True)
 class EventRecord:
     """Something that happened at a station and explains results: a start, a fault, a clock that was set."""
 

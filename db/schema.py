@@ -163,6 +163,46 @@ calibration_checks = Table(
     Index(None, "calibration_id", "utc"),
 )
 
+zero_measurements = Table(
+    "zero_measurements",
+    metadata,
+    Column("id", Text, primary_key=True),
+    Column("rig", Text, nullable=False),
+    Column("calibration_id", ForeignKey(calibrations.c.id), nullable=False),
+    Column("measured_utc", UtcDateTime, nullable=False),
+    Column("master", Text, nullable=False),
+    Column("method", Text, nullable=False),
+    Column("shots", Integer, nullable=False),
+    Column("camber", Double, nullable=False),
+    Column("toe", Double, nullable=False),
+    Column("certified_camber", Double, nullable=False),
+    Column("certified_toe", Double, nullable=False),
+    Column("camber_u", Double, nullable=False),
+    Column("toe_u", Double, nullable=False),
+    Column("correlation", Double, nullable=False),
+    Column("software_version", Text, nullable=False),
+    Column("stored_utc", UtcDateTime, nullable=False),
+    _check("id_not_empty", "id <> ''"),
+    _check("rig_not_empty", "rig <> ''"),
+    _check("shots_positive", "shots > 0"),
+    _check("possible_angles", *map(_angle, ("camber", "toe", "certified_camber", "certified_toe"))),
+    _check("possible_uncertainties", _uncertainty("camber_u"), _uncertainty("toe_u")),
+    _check("possible_correlation", "correlation BETWEEN -1 AND 1"),
+    # Serves "the zero measurement in force of this rig and calibration", asked at every start.
+    Index(None, "rig", "calibration_id", "measured_utc"),
+)
+
+zero_revocations = Table(
+    "zero_revocations",
+    metadata,
+    # Serves the refusal to revoke twice.
+    Column("zero_id", ForeignKey(zero_measurements.c.id), primary_key=True),
+    Column("utc", UtcDateTime, nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("stored_utc", UtcDateTime, nullable=False),
+    _check("reason_not_empty", "reason <> ''"),
+)
+
 cycles = Table(
     "cycles",
     metadata,
@@ -219,7 +259,7 @@ wheel_results = Table(
     Column("coverage_factor", Double),
     Column("method", Text),
     Column("calibration_id", ForeignKey(calibrations.c.id)),
-    # Names a zero measurement in the station's own archive.
+    # One of `zero_measurements`; no foreign key, because older records may name one that was kept elsewhere.
     Column("zero_measurement_id", Text),
     Column("reason_code", Text),
     Column("reason_text", Text),

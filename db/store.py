@@ -26,9 +26,12 @@ from db.records import (
     EventRecord,
     StoredCycle,
     StoredWheel,
+    StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
     WheelRecord,
+    ZeroRecord,
+    ZeroRevocation,
 )
 from db.schema import (
     axle_results,
@@ -40,6 +43,8 @@ from db.schema import (
     vehicle_results,
     vehicles,
     wheel_results,
+    zero_measurements,
+    zero_revocations,
 )
 
 if TYPE_CHECKING:
@@ -194,6 +199,39 @@ class ResultStore:
                 "calibration check", record.uuid, _record(CalibrationCheckRecord, row) == record
             )
 
+    def record_zero(self, record: ZeroRecord) -> None:
+        """Store a zero measurement; the same again changes nothing, another one of the same id is refused."""
+        values = _flat_values(record) | {"stored_utc": self._now()}
+        with self._transaction(writes=True) as connection:
+            if _insert_once(connection, zero_measurements, "id", values) is None:
+                (stored,) = _read_zeros(connection, _ZEROS.where(zero_measurements.c.id == record.id))
+                self._require_same("zero measurement", record.id, stored.record == record)
+
+    def revoke_zero(self, record: ZeroRevocation) -> None:
+        """End a zero measurement; it stays stored, as do the results that it corrected.
+
+        Raises
+        ------
+        StoreError
+            Also when there is none of that id, or when it was revoked before.
+        """
+        with self._transaction(writes=True) as connection:
+            known = _read_zeros(connection, _ZEROS.where(zero_measurements.c.id == record.zero_id))
+            if not known:
+                raise StoreError(
+                    f"database {self._where}: expected the id of a zero measurement, found"
+                    f" '{record.zero_id}'. `truewheel zero list` shows them"
+                )
+            before = known[0].revocation
+            if before is None:
+                values = _flat_values(record) | {"stored_utc": self._now()}
+                connection.execute(zero_revocations.insert().values(**values))
+            elif before != record:
+                raise StoreError(
+                    f"database {self._where}: zero measurement {record.zero_id} was revoked on"
+                    f" {before.utc:%Y-%m-%d} already: {before.reason}"
+                )
+
     def record_event(self, record: EventRecord) -> None:
         """Store an event; the same again changes nothing, another one of the same UUID is refused."""
         with self._transaction(writes=True) as connection:
@@ -268,6 +306,21 @@ class ResultStore:
             rows = connection.execute(query).mappings()
             return tuple(_record(CalibrationCheckRecord, row) for row in rows)
 
+    def zeros(self) -> tuple[StoredZero, ...]:
+        """All zero measurements, revoked ones too, in the order of their times."""
+        query = _ZEROS.order_by(zero_measurements.c.measured_utc, zero_measurements.c.stored_utc)
+        with self._transaction() as connection:
+            return _read_zeros(connection, query)
+
+    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
+        """For each rig and calibration the newest zero measurement that was not revoked."""
+        newest = {
+            (zero.record.rig, zero.record.calibration_id): zero.record
+            for zero in self.zeros()
+            if zero.revocation is None
+        }
+        return tuple(newest.values())
+
     def recent_events(self, n: int) -> tuple[EventRecord, ...]:
         """The last `n` events that were stored, newest first."""
         with self._transaction() as connection:
@@ -301,6 +354,12 @@ _NESTED = ("vehicle", "wheels", "axles", "vehicle_angles")
 _CYCLES = select(cycles, vehicles.c.vin, vehicles.c.vehicle_type).outerjoin(
     vehicles, cycles.c.vehicle_id == vehicles.c.id
 )
+_ZEROS = select(
+    zero_measurements,
+    zero_revocations.c.zero_id,
+    zero_revocations.c.utc,
+    zero_revocations.c.reason,
+).outerjoin(zero_revocations, zero_revocations.c.zero_id == zero_measurements.c.id)
 
 
 def _flat_values(record: Any) -> dict[str, Any]:
@@ -339,6 +398,17 @@ def _read_calibration(connection: Connection, calibration_id: str) -> Calibratio
     query = select(calibrations).where(calibrations.c.id == calibration_id)
     row = connection.execute(query).mappings().one_or_none()
     return None if row is None else _record(CalibrationRecord, row)
+
+
+def _read_zeros(connection: Connection, query: Select[Any]) -> tuple[StoredZero, ...]:
+    return tuple(
+        StoredZero(
+            _record(ZeroRecord, row),
+            None if row["zero_id"] is None else _record(ZeroRevocation, row),
+            row["stored_utc"],
+        )
+        for row in connection.execute(query).mappings()
+    )
 
 
 def _read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle, ...]:

@@ -18,6 +18,8 @@ from db.records import (
     Verdict,
     WheelOutcome,
     WheelRecord,
+    ZeroRecord,
+    ZeroRevocation,
 )
 
 NOON = datetime(2026, 11, 22, 12, 0, 0, 123456, tzinfo=UTC)
@@ -37,6 +39,32 @@ def check(calibration_id: str = CALIBRATION.id, **changes: Any) -> CalibrationCh
         "as_found": {"residual_rms_px": 0.031},
     }
     return CalibrationCheckRecord(**(values | changes))
+
+
+def zero(zero_id: str = "zero-1", **changes: Any) -> ZeroRecord:
+    values: dict[str, Any] = {
+        "id": zero_id,
+        "rig": "front_left",
+        "calibration_id": CALIBRATION.id,
+        "measured_utc": NOON,
+        "master": "M-17",
+        "method": "spin_axis",
+        "shots": 8,
+        "camber": 1e-4,
+        "toe": -2e-4,
+        "certified_camber": 0.0,
+        "certified_toe": 1e-5,
+        "camber_u": 3e-6,
+        "toe_u": 4e-6,
+        "correlation": -0.1,
+        "software_version": "0.1.0",
+    }
+    return ZeroRecord(**(values | changes))
+
+
+def revocation(zero_id: str = "zero-1", **changes: Any) -> ZeroRevocation:
+    values: dict[str, Any] = {"zero_id": zero_id, "utc": NOON, "reason": "the master was dropped"}
+    return ZeroRevocation(**(values | changes))
 
 
 def wheel(name: str = "front_left", **changes: Any) -> WheelRecord:

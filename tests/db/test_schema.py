@@ -22,9 +22,22 @@ from db.schema import (
     vehicle_results,
     vehicles,
     wheel_results,
+    zero_measurements,
+    zero_revocations,
 )
 from db.store import ResultStore, _flat_values
-from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, check, cycle, refused_wheel, wheel
+from tests.db.example_records import (
+    ANGLES,
+    CALIBRATION,
+    NOON,
+    axle,
+    check,
+    cycle,
+    refused_wheel,
+    revocation,
+    wheel,
+    zero,
+)
 
 TABLES = sorted(metadata.tables)
 
@@ -40,6 +53,8 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         with ResultStore(url, create=True) as store:
             store.record_calibration(CALIBRATION)
             store.record_check(check())
+            store.record_zero(zero())
+            store.revoke_zero(revocation())
             store.write_cycle(cycle())
             store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
         engine = make_engine(parse_url(url), timeout_s=5.0)
@@ -63,6 +78,8 @@ def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None
     if "cycle_id" in table.c:
         connection.execute(cycles.insert().values(**cycle_row()))
         values = {"cycle_id": 99} | values
+    if table is zero_revocations:
+        connection.execute(zero_measurements.insert().values(**COMPLETE[zero_measurements]))
     connection.execute(table.insert().values(**values))
 
 
@@ -132,6 +149,13 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (calibration_checks, "reason_not_empty", {"reason": ""}),
     (calibration_checks, "successor_has_both", {"predecessor_id": CALIBRATION.id, "as_left": {}}),
     (calibration_checks, "successor_has_both", {"predecessor_id": "cal-older"}),
+    (zero_measurements, "id_not_empty", {"id": ""}),
+    (zero_measurements, "rig_not_empty", {"rig": ""}),
+    (zero_measurements, "shots_positive", {"shots": 0}),
+    (zero_measurements, "possible_angles", {"certified_toe": 3.3}),
+    (zero_measurements, "possible_uncertainties", {"camber_u": 0.0}),
+    (zero_measurements, "possible_correlation", {"correlation": 1.1}),
+    (zero_revocations, "reason_not_empty", {"reason": ""}),
     (vehicles, "vin_not_empty", {"vin": "", "vehicle_type": "compact"}),
 ]
 COMPLETE: dict[Table, dict[str, Any]] = {
@@ -141,6 +165,8 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     vehicle_results: _flat_values(ANGLES),
     calibrations: _flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
     calibration_checks: _flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
+    zero_measurements: _flat_values(zero("zero-2")) | {"stored_utc": NOON},
+    zero_revocations: _flat_values(revocation("zero-2")) | {"stored_utc": NOON},
     vehicles: {},
 }
 

@@ -63,6 +63,8 @@ def test_a_good_vehicle_reads_back_equal_with_its_commit_time(
         "calibrations": 1,
         "calibration_checks": 0,
         "events": 0,
+        "zero_measurements": 0,
+        "zero_revocations": 0,
     }
 
 
