@@ -20,6 +20,7 @@ from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.study import study
+from station.commands.zero import zero_app
 
 app = typer.Typer(
     name="truewheel",
@@ -40,6 +41,7 @@ app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")
 app.add_typer(line_app, name="line")
 app.add_typer(db_app, name="db")
+app.add_typer(zero_app, name="zero")
 
 
 @app.callback(invoke_without_command=True)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from datetime import datetime, timedelta
-from typing import TypeVar
+from typing import ParamSpec, TypeVar
 from uuid import uuid4
 
 from alignment.errors import (
@@ -23,12 +23,12 @@ from alignment.errors import (
     TruewheelError,
 )
 from db.records import (
-    CalibrationRecord,
     CycleOutcome,
     CycleRecord,
     EventRecord,
     Severity,
     VehicleRecord,
+    ZeroRecord,
 )
 from station.evaluation import Evaluation, axle_of, evaluate
 from station.line.messages import (
@@ -59,7 +59,8 @@ from station.verdict import cycle_outcome
 from station.wheels import ABORTED, WheelPosition, WheelResult, connect_all, fault, utc_now
 
 POLL_S = 0.02
-_R = TypeVar("_R", CycleRecord, CalibrationRecord, EventRecord)
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 _LOG = logging.getLogger("truewheel.station")
 
 
@@ -214,6 +215,11 @@ class MeasuringCycle:
         """Arm, shoot and measure; one result for each position, whatever happens."""
         results: dict[str, WheelResult] = {}
         armed = []
+        try:
+            # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
+            zeros = self._in_store(self._store.zeros_in_force)
+        except StoreError as error:
+            return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
         for position in positions:
             try:
                 position.rig.arm()
@@ -222,11 +228,13 @@ class MeasuringCycle:
                 results[position.name] = position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
         if armed and not self._poll(trigger):
             self._machine.enter(StationState.MEASURING)
-            results |= self._run_wheels(armed, trigger)
+            results |= self._run_wheels(armed, zeros, trigger)
         return tuple(results.get(p.name) or p.failed(ABORTED) for p in positions)
 
-    def _run_wheels(self, positions: Sequence[WheelPosition], trigger: Trigger) -> dict[str, WheelResult]:
-        by_future = {self._wheel_threads.submit(position.run): position for position in positions}
+    def _run_wheels(
+        self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
+    ) -> dict[str, WheelResult]:
+        by_future = {self._wheel_threads.submit(position.run, zeros): position for position in positions}
         results: dict[str, WheelResult] = {}
         deadline = self._clock() + self._bounds.measure_s
         self._running = set(by_future)
@@ -385,11 +393,11 @@ class MeasuringCycle:
         self._line.publish(StationStatus(state, self._error))
         self._observer.entered(state)
 
-    def _in_store(self, call: Callable[[_R], None], record: _R) -> None:
+    def _in_store(self, call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Call the store in its own thread, so that a database that hangs does not hang the station."""
-        future = self._store_thread.submit(call, record)
+        future = self._store_thread.submit(call, *args, **kwargs)
         try:
-            future.result(self._bounds.store_s)
+            return future.result(self._bounds.store_s)
         except TimeoutError as error:
             future.cancel()
             raise StoreUnavailableError(

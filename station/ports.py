@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from db.records import CalibrationRecord, CycleRecord, EventRecord
+from db.records import CalibrationRecord, CycleRecord, EventRecord, ZeroRecord
 from station.evaluation import Evaluation
 from station.line.messages import (
     AxleAnswer,
@@ -61,6 +61,10 @@ class Store(Protocol):
 
     def record_event(self, record: EventRecord) -> None:
         """Store an event."""
+        ...
+
+    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
+        """Return the zero measurement in force of each rig and calibration."""
         ...
 
 

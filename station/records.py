@@ -85,6 +85,7 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         coverage_factor=evaluation.coverage_factor,
         method=None if found is None else found.method,
         calibration_id=result.calibration_id,
+        zero_measurement_id=result.zero_id,
         reason_code=None if failure is None else failure.reason_code,
         reason_text=None if failure is None else failure.text,
         camber_low=_low(wheel.camber),

@@ -17,10 +17,11 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
-from db.records import CalibrationRecord, WheelOutcome
+from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats.shot import check_shot_matches
 from sensors.shot import WheelShot
 from station.line.messages import LineErrorCode
+from station.zero import correction_of
 
 MeasureFunction = Callable[
     [Sequence[StereoImages], RigCalibration, MeasureSettings], WheelMeasurement | Refusal
@@ -133,6 +134,8 @@ class WheelResult:
         Time of the images, and of the first camera's own clock; None when there are none.
     duration_s
         Of the measurement, without the images.
+    zero_id
+        The zero measurement that corrected the angles; None when there was none.
     """
 
     wheel: str
@@ -143,6 +146,7 @@ class WheelResult:
     measured_utc: datetime | None = None
     device_time_s: float | None = None
     duration_s: float | None = None
+    zero_id: str | None = None
 
 
 class WheelPosition:
@@ -192,8 +196,11 @@ class WheelPosition:
         valid = self.in_force.valid_at(self._now())
         return WheelResult(self.name, self.in_force.calibration.id, valid, None, failure)
 
-    def run(self) -> WheelResult:
-        """Shoot and measure; every failure of a camera or of the measurement becomes part of the result."""
+    def run(self, zeros: Sequence[ZeroRecord] = ()) -> WheelResult:
+        """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
+
+        Of the zero measurements in force the one of this rig and calibration corrects the angles.
+        """
         calibration = self.in_force.calibration
         if not self.in_force.valid_at(self._now()):
             return self.failed(
@@ -214,6 +221,9 @@ class WheelPosition:
             return self.failed(fault(LineErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
         started = self._clock()
         found = self._measure(shot.images, calibration, self._settings)
+        zero = self._zero(zeros)
+        if zero is not None and isinstance(found, WheelMeasurement):
+            found = correction_of(zero, calibration.side).corrected(found)
         duration = self._clock() - started
         measurement, failure = self._judged(found)
         return WheelResult(
@@ -225,7 +235,12 @@ class WheelPosition:
             measured_utc=shot.time_utc,
             device_time_s=shot.frames[0].device_time_s,
             duration_s=duration,
+            zero_id=None if zero is None or measurement is None else zero.id,
         )
+
+    def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:
+        own = self.name, self.in_force.calibration.id
+        return next((zero for zero in zeros if (zero.rig, zero.calibration_id) == own), None)
 
     def _judged(self, found: WheelMeasurement | Refusal) -> tuple[WheelMeasurement | None, Failure | None]:
         if isinstance(found, Refusal):

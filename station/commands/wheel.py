@@ -27,22 +27,49 @@ class SideOption(StrEnum):
 
 
 def measure(
-    shot: Annotated[Path, typer.Argument(help="Folder of a recorded shot.", show_default=False)],
+    shots: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SHOT...",
+            help="Folder of a recorded shot; with --spin at least eight of one wheel.",
+            show_default=False,
+        ),
+    ],
     calibration: Annotated[
         Path, typer.Option(help="Calibration file of the rig that took it.", show_default=False)
     ],
     config: Annotated[
         Path | None, typer.Option(help="Station's configuration whose [measure] counts.", show_default=False)
     ] = None,
+    spin: Annotated[
+        bool, typer.Option("--spin", help="Spin axis of a wheel that was turned between the shots.")
+    ] = False,
+    runout_radius: Annotated[
+        float, typer.Option(help="With --spin: where the run-out is given, millimetres.", min=1, max=1000)
+    ] = 300.0,
     as_json: JsonFlag = False,
 ) -> None:
     """Measure camber and toe of one wheel from recorded images; exit status 1 when refused."""
+    from alignment.errors import ConfigurationError
     from alignment.measure import measure_wheel
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration, read_shot
+    from station.commands.spin import measure_turned_wheel
     from station.config import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
+    if spin:
+        if not measure_turned_wheel(shots, calibration, settings, runout_radius, as_json):
+            raise typer.Exit(GOAL_MISSED)
+        return
+    if len(shots) > 1:
+        raise ConfigurationError(
+            field="SHOT",
+            expected="one shot",
+            seen=str(len(shots)),
+            cure="For the spin axis of a wheel that was turned between them add --spin",
+        )
+    (shot,) = shots
     known = read_calibration(calibration)
     images = read_shot(shot, known).images
     started = time.perf_counter()

@@ -13,7 +13,7 @@ import numpy as np
 
 from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
 from alignment.values import MeasureSettings, Refusal, WheelMeasurement
-from db.records import CycleRecord, EventRecord
+from db.records import CycleRecord, EventRecord, ZeroRecord
 from station.cycle import MeasuringCycle
 from station.line.messages import (
     Acknowledge,
@@ -142,6 +142,8 @@ class FakeStore:
         self.cycles: list[CycleRecord] = []
         self.calibrations: list[Any] = []
         self.events: list[EventRecord] = []
+        self.zeros: tuple[ZeroRecord, ...] = ()
+        self.zeros_error: TruewheelError | None = None
         self.error: TruewheelError | None = None
         self.gate: threading.Event | None = None
 
@@ -161,6 +163,11 @@ class FakeStore:
 
     def record_event(self, record: EventRecord) -> None:
         self._write(self.events, record)
+
+    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
+        if self.zeros_error is not None:
+            raise self.zeros_error
+        return self.zeros
 
     @property
     def event_codes(self) -> list[str]:

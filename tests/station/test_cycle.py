@@ -427,7 +427,9 @@ def test_angles_without_a_valid_calibration_are_a_fault_even_when_measured(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = WheelPosition.run
-    monkeypatch.setattr(WheelPosition, "run", lambda self: replace(run(self), calibration_valid=False))
+    monkeypatch.setattr(
+        WheelPosition, "run", lambda self, zeros: replace(run(self, zeros), calibration_valid=False)
+    )
     report = bench.trigger()
     assert report is not None
     assert report.record.outcome is CycleOutcome.FAULT

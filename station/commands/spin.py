@@ -1,0 +1,110 @@
+"""`truewheel measure --spin`: the spin axis from shots of a wheel that was turned between them."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from station.commands.output import print_json
+
+if TYPE_CHECKING:
+    from alignment.values import MeasureSettings, Refusal
+    from alignment.wheel.spin import SpinMeasurement
+
+
+def measure_turned_wheel(
+    shots: list[Path], calibration: Path, settings: MeasureSettings, radius_mm: float, as_json: bool
+) -> bool:
+    """Measure, print, and tell whether there is a result."""
+    from alignment.measure_spin import measure_spin
+    from sensors.formats import read_calibration, read_shot
+
+    known = read_calibration(calibration)
+    started = time.perf_counter()
+    found = measure_spin((read_shot(shot, known).images for shot in shots), known, settings)
+    result = spin_as_json(found, shots, radius_mm) | {
+        "duration_ms": 1000.0 * (time.perf_counter() - started),
+        "calibration_id": known.id,
+    }
+    if as_json:
+        print_json(result)
+    else:
+        _print(result)
+    return bool(found)
+
+
+def spin_as_json(found: SpinMeasurement | Refusal, shots: list[Path], radius_mm: float) -> dict[str, Any]:
+    """Return what `truewheel measure --spin --json` prints of a result."""
+    from alignment.values import Refusal
+
+    result: dict[str, Any] = {
+        "outcome": "refused",
+        "reason": None,
+        "reason_code": None,
+        "camber_deg": None,
+        "toe_deg": None,
+        "camber_u95_deg": None,
+        "toe_u95_deg": None,
+        "runout_deg": None,
+        "runout_u95_deg": None,
+        "runout_mm": None,
+        "runout_radius_mm": radius_mm,
+        "covered_turn_deg": None,
+        "shots_used": None,
+        "shots": [{"shot": str(shot), "used": None, "phase_deg": None} for shot in shots],
+        "method": None,
+        "degraded": None,
+    }
+    if isinstance(found, Refusal):
+        return result | {"reason": found.reason, "reason_code": str(found.code)}
+    phases = found.phases or (None,) * len(shots)
+    return result | {
+        "outcome": "measured",
+        "camber_deg": math.degrees(found.camber),
+        "toe_deg": math.degrees(found.toe),
+        "camber_u95_deg": math.degrees(found.camber_u95),
+        "toe_u95_deg": math.degrees(found.toe_u95),
+        "runout_deg": _degrees(found.run_out),
+        "runout_u95_deg": math.degrees(found.coverage_factor * found.run_out_u),
+        "runout_mm": found.run_out_mm(radius_mm),
+        "covered_turn_deg": _degrees(found.covered_turn),
+        "shots_used": found.shots_used,
+        "shots": [
+            {"shot": str(shot), "used": used, "phase_deg": _degrees(phase)}
+            for shot, used, phase in zip(shots, found.used, phases, strict=True)
+        ],
+        "method": found.method,
+        "degraded": found.degraded,
+    }
+
+
+def _print(result: dict[str, Any]) -> None:
+    if result["outcome"] != "measured":
+        typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
+        return
+    typer.echo(f"camber {result['camber_deg']:+.4f}° ± {result['camber_u95_deg']:.4f}°, spin axis")
+    typer.echo(f"toe    {result['toe_deg']:+.4f}° ± {result['toe_u95_deg']:.4f}°, spin axis")
+    if result["runout_deg"] is None:
+        typer.echo(
+            f"run-out not told from noise, at most about {result['runout_u95_deg']:.4f}°: how far the wheel "
+            "turned is unknown"
+        )
+    else:
+        typer.echo(
+            f"run-out {result['runout_deg']:.4f}° ± {result['runout_u95_deg']:.4f}°, "
+            f"{result['runout_mm']:.3f} mm peak to peak at {result['runout_radius_mm']:g} mm, turn covered "
+            f"{result['covered_turn_deg']:.0f}°"
+        )
+    typer.echo(
+        f"{result['shots_used']} of {len(result['shots'])} shots used"
+        + (", degraded: a head was lost" if result["degraded"] else "")
+        + f", calibration {result['calibration_id']}"
+    )
+
+
+def _degrees(value: float | None) -> float | None:
+    return None if value is None else math.degrees(value)
