@@ -27,6 +27,7 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
+from alignment.wheel.agreement import head_misfits
 from alignment.wheel.plane import fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from alignment.wheel.ridges import fit_ridges
@@ -39,7 +40,10 @@ _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _STRETCH = 25  # line points that count as one cluster
 _GOOD_SCALE = 6.0  # residuals in units of the image noise below which no other hypothesis needs a look
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
-_LEAST_SHARE = 0.25  # of the offered points
+_LEAST_SHARE = 0.15  # of the offered points; half of them lie on the rim anyway
+# A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS and so much of the
+# residuals, moved: undisturbed heads stay below 0.004 mm, a turn of a tenth of a degree gives 0.015 mm.
+_WORST_MISFIT, _MISFIT_SHARE = 0.01, 0.05
 _FULL_SCALE_SHARE = 0.5
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
@@ -275,8 +279,8 @@ def _evaluate(
             return Refusal(
                 RefusalCode.TOO_FEW_POINTS,
                 f"{camera_pair.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
-                f"{settings.minimum_points} and a quarter of them are needed; check for dirt, an obstacle, "
-                "or a head that moved since its calibration",
+                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
+                "obstacle, or a head that moved since its calibration",
                 camera_pair.name,
             )
         qualities.append(
@@ -288,6 +292,17 @@ def _evaluate(
             RefusalCode.NOT_A_WHEEL,
             f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
             "check the calibration and what stands in front of the heads",
+        )
+    misfits = head_misfits(pool.points[surface.chosen], head, len(matched), fit)
+    worst = int(misfits.argmax())
+    if misfits[worst] > _WORST_MISFIT + _MISFIT_SHARE * rms:
+        name = calibration.heads[worst].name
+        return Refusal(
+            RefusalCode.HEAD_MOVED,
+            f"{name} does not fit the other heads: a movement of the whole head explains "
+            f"{1e3 * misfits[worst]:.0f} µm of its residuals, of the next head's "
+            f"{1e3 * np.sort(misfits)[-2]:.0f} µm; check that it has not been knocked, and calibrate again",
+            name,
         )
     points, weights = pool.points[surface.chosen][used], fit.weights[used]
     normal, covariance, tilt_axes = fit.normal, fit.covariance, fit.tilt_axes

@@ -158,6 +158,7 @@ class RefusalCode(enum.StrEnum):
     TOO_FEW_POINTS = "too_few_points"
     NO_CORRESPONDENCE = "no_correspondence"
     NOT_A_WHEEL = "not_a_wheel"
+    HEAD_MOVED = "head_moved"
     OUTSIDE_VOLUME = "outside_volume"
     TOO_FEW_SHOTS = "too_few_shots"
     TURN_TOO_SHORT = "turn_too_short"
