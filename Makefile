@@ -10,7 +10,7 @@ help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
 	@echo "make test     run the tests"
 	@echo "make lint     format, style, types, import layers"
-	@echo "make studies  the long accuracy studies"
+	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
 	@echo "make bench    the program against its peers, in one run"
 	@echo "make setup    only install, into .venv"
 	@echo "make clean    remove .venv"
@@ -34,7 +34,8 @@ lint: setup
 	$(BIN)/lint-imports
 
 studies: setup
-	$(BIN)/truewheel study all --out out/studies
+	@$(BIN)/truewheel study all --out out/studies; status=$$?; \
+		$(BIN)/python tools/accuracy.py out/studies && exit $$status
 
 bench: setup
 	$(BIN)/python -m benchmarks.measure_wheel

@@ -10,8 +10,13 @@ from station.studies.study import Study
 
 STUDIES = {
     "correction": "station.studies.correction",
+    "covariance": "station.studies.covariance",
+    "coverage": "station.studies.coverage",
+    "degraded": "station.studies.degraded",
     "lenz-tsai": "station.studies.lenz_tsai",
-    "nonparallel-head": "station.studies.nonparallel_head",
+    "marks": "station.studies.marks",
+    "repeatability": "station.studies.repeatability",
+    "wheel-grid": "station.studies.wheel_grid",
 }
 """Name and module; the module has the study under the name `STUDY`."""
 
