@@ -12,45 +12,13 @@ from alignment.calibration.one_camera import (
     camera_model,
     checked,
     nearest_rotation,
-    null_vector,
     posed,
     require_spread,
 )
 from alignment.errors import DegenerateInputError
+from alignment.geometry.projective import conditioning, homogeneous, linear_rows, null_vector
 
 Array = NDArray[np.float64]
-
-
-def conditioning(points: Array) -> Array:
-    """Similarity (d+1, d+1) that brings points (N, d) to centroid 0 and root mean square distance √d."""
-    centre = points.mean(axis=0)
-    d = points.shape[1]
-    spread = np.sqrt(np.square(points - centre).sum(axis=1).mean() / d)
-    matrix = np.eye(d + 1) / (spread or 1.0)
-    matrix[:d, d] = -centre / (spread or 1.0)
-    matrix[d, d] = 1.0
-    return matrix
-
-
-def homogeneous(points: Array) -> Array:
-    """Points (N, d) with a 1 appended, (N, d + 1)."""
-    return np.column_stack([points, np.ones(len(points))])
-
-
-def linear_rows(points: Array, pixels: Array) -> Array:
-    """Rows (2N, 3(d+1)) of the equations u (m₃·X) = m₁·X, v (m₃·X) = m₂·X in the entries of a matrix M.
-
-    Parameters
-    ----------
-    points
-        (N, d + 1) homogeneous.
-    pixels
-        (N, 2).
-    """
-    zero = np.zeros_like(points)
-    in_u = np.column_stack([points, zero, -pixels[:, :1] * points])
-    in_v = np.column_stack([zero, points, -pixels[:, 1:] * points])
-    return np.concatenate([in_u, in_v])
 
 
 def fit_projection(points: Array, pixels: Array) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.calibration.dlt import conditioning, homogeneous, linear_rows
 from alignment.calibration.one_camera import (
     CalibratedCamera,
     Known,
@@ -17,6 +16,7 @@ from alignment.calibration.one_camera import (
     require_spread,
 )
 from alignment.errors import DegenerateInputError
+from alignment.geometry.projective import conditioning, homogeneous, linear_rows
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from alignment.calibration.one_camera import (
     calibration_matrix,
     camera_model,
     checked,
-    null_vector,
     posed,
     require_spread,
 )
 from alignment.errors import DegenerateInputError
+from alignment.geometry.projective import null_vector
 
 Array = NDArray[np.float64]
 _SMALLEST_SLANT = 1e-3

@@ -177,15 +177,3 @@ def nearest_rotation(matrix: Array) -> Array:
     """Proper rotation (3, 3) nearest to a matrix (3, 3) in the Frobenius norm."""
     u, _, vt = np.linalg.svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
-
-
-def null_vector(rows: Array) -> tuple[Array, float]:
-    """Unit-free solution h (n,) of rows (m, n) · h ≈ 0, and how far it is from being unique.
-
-    Columns are brought to equal length first, so that the solution does not depend on the units of the
-    unknowns. The number is the second smallest singular value over the largest: 0 where two solutions exist.
-    """
-    length = np.linalg.norm(rows, axis=0)
-    length[length == 0] = 1.0
-    _, values, vt = np.linalg.svd(np.linalg.qr(rows / length, mode="r"))
-    return vt[-1] / length, float(values[rows.shape[1] - 2] / values[0])

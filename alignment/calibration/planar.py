@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.calibration.dlt import conditioning, homogeneous, linear_rows
 from alignment.calibration.one_camera import (
     Known,
     calibration_matrix,
     camera_model,
     nearest_rotation,
-    null_vector,
 )
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel
+from alignment.geometry.projective import camera_of_absolute_conic, fit_homography, null_vector
 from alignment.geometry.transforms import RigidTransform
 
 Array = NDArray[np.float64]
@@ -48,37 +47,8 @@ class PlanarCalibration:
         return float(np.sqrt(np.square(np.concatenate(self.residuals)).sum(axis=1).mean()))
 
 
-def fit_homography(points: Array, pixels: Array) -> Array:
-    """Homography (3, 3), scaled to norm 1, that maps plane points (N, 2) to pixels (N, 2); N ≥ 4.
-
-    Least algebraic error, conditioned.
-
-    Raises
-    ------
-    DegenerateInputError
-        For fewer than 4 points, or points of which too many lie on a line.
-    """
-    points, pixels = np.asarray(points, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
-    if len(points) < 4 or points.shape != (len(points), 2) or pixels.shape != points.shape:
-        raise DegenerateInputError(
-            field="points, pixels",
-            expected="at least four pairs of shapes (N, 2)",
-            seen=f"{points.shape} and {pixels.shape}",
-        )
-    of_points, of_pixels = conditioning(points), conditioning(pixels)
-    x = homogeneous(points) @ of_points.T
-    uv = (homogeneous(pixels) @ of_pixels.T)[:, :2]
-    solution, uniqueness = null_vector(linear_rows(x, uv))
-    if uniqueness < 1e-6:
-        raise DegenerateInputError(
-            field="points", expected="four points of which no three lie on a line", seen="points on a line"
-        )
-    matrix = np.linalg.inv(of_pixels) @ solution.reshape(3, 3) @ of_points
-    return np.asarray(matrix / np.linalg.norm(matrix))
-
-
 def _constraint(h: Array, i: int, j: int) -> Array:
-    """Row (5,) of hᵢᵀ B hⱼ in (B₁₁, B₂₂, B₁₃, B₂₃, B₃₃), B = K⁻ᵀK⁻¹ without skew."""
+    """Row (5,) of hᵢᵀ ω hⱼ in (ω₁₁, ω₂₂, ω₁₃, ω₂₃, ω₃₃), ω the image of the absolute conic, no skew."""
     a, b = h[:, i], h[:, j]
     return np.array(
         [a[0] * b[0], a[1] * b[1], a[0] * b[2] + a[2] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[2]]
@@ -96,7 +66,7 @@ def _intrinsics(homographies: Sequence[Array], size: tuple[int, int], known: Kno
         [row for h in unit for row in (_constraint(h, 0, 1), _constraint(h, 0, 0) - _constraint(h, 1, 1))]
     )
     if len(homographies) == 1:
-        # B = diag(1/a², 1, f²) up to scale: two equations in f².
+        # ω = diag(1/a², 1, f²) up to scale: two equations in f².
         of_one, of_f2 = rows[:, 0] / known.aspect**2 + rows[:, 1], rows[:, 4]
         f2 = -(of_f2 @ of_one) / max(of_f2 @ of_f2, 1e-300)
         if not np.square(of_f2).sum() > 1e-8 or f2 <= 0:
@@ -108,19 +78,19 @@ def _intrinsics(homographies: Sequence[Array], size: tuple[int, int], known: Kno
             )
         k = calibration_matrix(known.aspect * np.sqrt(f2), np.sqrt(f2), 0.0, 0.0)
     else:
-        (b11, b22, b13, b23, b33), uniqueness = null_vector(rows)
-        if b11 < 0:
-            b11, b22, b13, b23, b33 = -b11, -b22, -b13, -b23, -b33
-        u, v = (-b13 / b11, -b23 / b22) if b11 * b22 != 0 else (np.nan, np.nan)
-        rest = b33 - b11 * u * u - b22 * v * v
-        if uniqueness < 1e-7 or not (b11 > 0 and b22 > 0 and rest > 0):
+        (w11, w22, w13, w23, w33), uniqueness = null_vector(rows)
+        omega = np.array([[w11, 0.0, w13], [0.0, w22, w23], [w13, w23, w33]])
+        try:
+            k = camera_of_absolute_conic(omega)
+        except DegenerateInputError:
+            uniqueness = 0.0
+        if uniqueness < 1e-7:
             raise DegenerateInputError(
                 field="views",
                 expected="views of the plate from different directions",
                 seen="views too alike to separate focal length and distance",
                 cure=_TILT,
             )
-        k = calibration_matrix(np.sqrt(rest / b11), np.sqrt(rest / b22), u, v)
     return np.asarray(np.linalg.inv(to_unit) @ k)
 
 

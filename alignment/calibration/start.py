@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from alignment.calibration.faugeras import calibrate_faugeras
 from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, Plate
-from alignment.calibration.planar import calibrate_planar, fit_homography, pose_of_plane
+from alignment.calibration.planar import calibrate_planar, pose_of_plane
 from alignment.calibration.problem import MODELS
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
+from alignment.geometry.projective import fit_homography
 from alignment.geometry.transforms import RigidTransform
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ from alignment.calibration.one_camera import (
     camera_model,
     checked,
     nearest_rotation,
-    null_vector,
     posed,
     require_spread,
 )
 from alignment.errors import DegenerateInputError
+from alignment.geometry.projective import null_vector
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from alignment.calibration.one_camera import Known
-from alignment.calibration.planar import calibrate_planar, fit_homography, pose_of_plane
+from alignment.calibration.planar import calibrate_planar, pose_of_plane
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import Array
+from alignment.geometry.projective import fit_homography
 from tests.alignment.calibration.cameras import ASPECT, SIZE, camera, plate_points
 
 PLATE = plate_points(0.0)[:, :2]
