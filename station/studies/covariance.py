@@ -103,7 +103,7 @@ def repeat_calibrations(count: int, seed: int, progress: Progress, views: int = 
         calibration = adjust(views_of_one.data).rig_calibration(
             "repeat", true.rig, true.side, true.vehicle_from_rig
         )
-        angles.append(_measured_angles(calibration, seen))
+        angles.append(measured_angles(calibration, seen))
         angles_u.append(predict_angle_uncertainty(calibration))
         head = calibration.heads[0]
         errors.append(triangulate(head.left, head.right, left, right)[0] - points)
@@ -111,7 +111,8 @@ def repeat_calibrations(count: int, seed: int, progress: Progress, views: int = 
     return Repeats(np.array(angles), np.array(angles_u), np.array(errors), np.array(errors_u))
 
 
-def _measured_angles(calibration: RigCalibration, seen: list[tuple[Array, Array]]) -> tuple[float, float]:
+def measured_angles(calibration: RigCalibration, seen: list[tuple[Array, Array]]) -> tuple[float, float]:
+    """Camber and toe, radians, of the wheel whose points each head saw at these (left, right) pixels."""
     points = np.concatenate(
         [line_points(head, *pixels) for head, pixels in zip(calibration.heads, seen, strict=True)]
     )

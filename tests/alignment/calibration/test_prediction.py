@@ -16,7 +16,7 @@ from alignment.geometry.cameras import PosedCamera
 from alignment.stereo.triangulation import triangulate
 from alignment.values import HeadCalibration, RigCalibration, Side
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.covariance import _measured_angles, repeat_calibrations
+from station.studies.covariance import measured_angles, repeat_calibrations
 
 
 def rig(side: Side = "left") -> RigCalibration:
@@ -49,7 +49,7 @@ def test_sensitivity_is_what_a_wheel_fit_does_when_a_camera_changes(side: Side) 
         (head.left.project(points), head.right.project(points))
         for head, points in ((head, wheel_points(head, wheel)) for head in calibration.heads)
     ]
-    before = np.array(_measured_angles(calibration, seen))
+    before = np.array(measured_angles(calibration, seen))
     for name, step in (
         ("head_1.left.rx", 2e-5),
         ("head_1.right.ry", 2e-5),
@@ -59,7 +59,7 @@ def test_sensitivity_is_what_a_wheel_fit_does_when_a_camera_changes(side: Side) 
     ):
         change = np.zeros(len(calibration.parameter_names))
         change[calibration.parameter_names.index(name)] = step
-        moved = np.array(_measured_angles(perturbed(calibration, change), seen)) - before
+        moved = np.array(measured_angles(perturbed(calibration, change), seen)) - before
         np.testing.assert_allclose(
             moved, sensitivity @ change, rtol=0.1, atol=0.1 * np.abs(moved).max() + 1e-9
         )
