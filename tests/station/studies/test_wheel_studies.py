@@ -1,0 +1,128 @@
+"""The studies of whole wheels, in short: few poses, few shots, one plate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
+from station.studies import degraded, repeatability, wheel_grid
+from station.studies.coverage import drawn
+from station.studies.degraded import degraded_shot, row_of, summarise
+from station.studies.study import Row
+from station.studies.wheels import StudyRig, calibrate_from_plate, study_rig
+
+
+def silent(done: float, doing: str) -> None:
+    assert 0.0 <= done <= 1.0
+    assert doing
+
+
+@pytest.fixture(scope="module")
+def rig() -> StudyRig:
+    return study_rig("standard", 3)
+
+
+@pytest.fixture(scope="module")
+def calibration(rig: StudyRig) -> RigCalibration:
+    return calibrate_from_plate(rig, 3, views=5)
+
+
+def test_wheel_grid_of_three_poses_with_a_calibration_from_a_plate(
+    rig: StudyRig, calibration: RigCalibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(wheel_grid, "poses", lambda quick: [(0.0, 0.0), (-3.0, 3.0), (3.0, -1.5)])
+    monkeypatch.setattr(wheel_grid, "calibrate_from_plate", lambda *_: calibration)
+    monkeypatch.setattr(wheel_grid, "study_rig", lambda *_: rig)
+    result = wheel_grid.run(3, True, silent)
+    assert result.figures["camber_max_abs_error_arcmin"] <= 0.08
+    assert result.figures["toe_max_abs_error_arcmin"] <= 0.08
+    assert result.figures["true_cameras_max_error_arcmin"] <= 0.03
+    assert result.figures["ridges_max_error_arcmin"] > 0.1
+    assert {row["calibration"] for row in result.rows} == {"plate 1", "true cameras", "ridges"}
+    assert "wheel-grid" in result.plots
+
+
+def test_repeatability_of_two_shots(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(repeatability, "QUICK_REPEATS", 2)
+    result = repeatability.run(1, True, silent)
+    assert result.figures["camber_standard_deviation_arcmin"] < 0.04
+    assert result.figures["toe_standard_deviation_arcmin"] < 0.04
+    assert len(result.rows) == 2
+
+
+def test_cameras_are_drawn_with_the_covariance_that_is_stated(
+    rig: StudyRig, calibration: RigCalibration
+) -> None:
+    covariance = calibration.covariance
+    assert covariance is not None
+    rng = np.random.default_rng(1)
+    moves = []
+    for _ in range(80):
+        one = drawn(rig.true, covariance, rng)
+        assert one.covariance is covariance
+        moves.append(one.heads[1].right.model.fx - rig.true.heads[1].right.model.fx)
+    sigma = float(np.sqrt(np.diag(covariance)[calibration.parameter_names.index("head_2.right.fx")]))
+    assert np.std(moves) == pytest.approx(sigma, rel=0.3)
+
+
+def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
+    rng = np.random.default_rng(4)
+    plain = wheel_grid.draw_scene(rig.spec, rig.side, wheel_grid.draw_pose(rng, 0.0, 0.0), rng)
+    for disturb, _ in degraded.KINDS.values():
+        setting = disturb(rig, plain, rng)
+        changed = setting.scene is not plain or setting.cameras is not rig.true or setting.swapped is not None
+        assert changed
+        assert setting.strength
+
+
+@pytest.mark.parametrize("kind", ["moved", "swapped images"])
+def test_what_cannot_be_right_is_refused_or_right(
+    rig: StudyRig, calibration: RigCalibration, kind: str
+) -> None:
+    row = row_of(0, degraded_shot(rig, 3, 0, kind), calibration)
+    assert not row["accepted"]
+    assert row["refusal"] in {code.value for code in RefusalCode}
+
+
+def a_row(**other: str | float | int | None) -> Row:
+    row: Mapping[str, str | float | int | None] = {
+        "shot": 0, "kind": "dirt", "strength": "", "occluded": None, "accepted": 1,
+        "camber_error_arcmin": 0.01, "toe_error_arcmin": -0.01,
+        "camber_u_arcmin": 0.01, "toe_u_arcmin": 0.01, "refusal": "", "head": "",
+    }  # fmt: skip
+    return {**row, **other}
+
+
+def test_an_accepted_error_of_more_than_an_arcminute_misses_the_goal() -> None:
+    refused = dict.fromkeys(
+        ("camber_error_arcmin", "toe_error_arcmin", "camber_u_arcmin", "toe_u_arcmin")
+    ) | {"accepted": 0, "refusal": "head_dark"}
+    good = summarise([a_row(), a_row(**refused), a_row(kind="occlusion", occluded=0.1)])
+    assert not good.missed
+    bad = summarise([a_row(), a_row(toe_error_arcmin=-1.2)])
+    assert {goal.figure for goal in bad.missed} == {"accepted_above_one_arcmin", "share_beyond_three_sigma"}
+    strict = summarise([a_row(kind="occlusion", occluded=0.1, **refused)])
+    assert [goal.figure for goal in strict.missed] == ["little_occluded_accepted"]
+
+
+def test_method_of_the_ridges_may_refuse_without_ending_the_grid(
+    rig: StudyRig, calibration: RigCalibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = wheel_grid.measure_wheel
+
+    def measure(images: object, cameras: object, settings: MeasureSettings) -> object:
+        if settings.method == "ridges":
+            return Refusal(RefusalCode.TOO_FEW_POINTS, "no ridge")
+        return real(images, cameras, settings)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(wheel_grid, "measure_wheel", measure)
+    monkeypatch.setattr(wheel_grid, "poses", lambda quick: [(0.0, 0.0)])
+    monkeypatch.setattr(wheel_grid, "calibrate_from_plate", lambda *_: replace(calibration))
+    monkeypatch.setattr(wheel_grid, "study_rig", lambda *_: rig)
+    case = wheel_grid.Case("standard", "touring", 1)
+    readings = wheel_grid.measure_case(case, 3, True, silent)
+    assert {reading.by for reading in readings} == {"1", wheel_grid.TRUE}
