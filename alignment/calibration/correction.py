@@ -198,14 +198,17 @@ def choose_model(points: Array, errors: Array, candidates: Sequence[Candidate]) 
     return best
 
 
-def left_out_errors(points: Array, errors: Array, candidates: Sequence[Candidate]) -> Array:
+def left_out_errors(
+    points: Array, errors: Array, candidates: Sequence[Candidate], folds: int = _OUTER_FOLDS
+) -> Array:
     """Errors (N,) that remain at points that took part neither in the fit nor in the choice of the model.
 
-    Each point is left out alone, of more than 60 points every 60th together. Arguments as `choose_model`.
+    Each point is left out alone, of more points than `folds` every one of that distance together. Other
+    arguments as `choose_model`.
     """
     remaining = np.empty_like(errors)
-    fold = np.arange(len(errors)) % _OUTER_FOLDS
-    for k in range(min(len(errors), _OUTER_FOLDS)):
+    fold = np.arange(len(errors)) % folds
+    for k in range(min(len(errors), folds)):
         out = fold == k
         model = choose_model(points[~out], errors[~out], candidates)
         remaining[out] = errors[out] - model(points[out])

@@ -131,7 +131,14 @@ def take_images(
 
 
 def observe(session: PlateSession, methods: Sequence[str]) -> dict[str, CalibrationInput]:
-    """Marks of every image, by each method of `alignment.imaging.mark_location`.
+    """Marks of every image, by each method.
+
+    Parameters
+    ----------
+    session
+        Images of one head.
+    methods
+        Of `alignment.imaging.mark_location`; ``centroid/entropy`` is ``centroid`` with that threshold.
 
     Raises
     ------
@@ -145,7 +152,9 @@ def observe(session: PlateSession, methods: Sequence[str]) -> dict[str, Calibrat
         for key, image in view.images.items():
             rough = find_marks(image)
             for method in methods:
-                found = identify_marks(locate_marks(image, rough, method), plate)
+                way, _, threshold = method.partition("/")
+                marks = locate_marks(image, rough, way, threshold=threshold or "otsu")
+                found = identify_marks(marks, plate)
                 if isinstance(found, PlateRefusal):
                     raise DegenerateInputError(
                         field=f"{view.name}, {' '.join(key)}", expected="the plate", seen=found.reason

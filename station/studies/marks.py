@@ -388,4 +388,4 @@ def _column(rows: list[Row], name: str) -> Array:
     return np.array([row[name] for row in rows], dtype=np.float64)
 
 
-STUDY = Study("marks", "Bias and noise of every way to locate a mark", run)
+STUDY = Study("marks", "Bias and noise of every way to locate a mark.", run)

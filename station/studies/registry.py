@@ -15,6 +15,8 @@ STUDIES = {
     "degraded": "station.studies.degraded",
     "lenz-tsai": "station.studies.lenz_tsai",
     "marks": "station.studies.marks",
+    "nonparallel-head": "station.studies.nonparallel_head",
+    "parallel-head": "station.studies.parallel_head",
     "repeatability": "station.studies.repeatability",
     "wheel-grid": "station.studies.wheel_grid",
 }

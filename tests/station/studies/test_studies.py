@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from station.studies import correction
+from station.studies import correction, parallel_head
 from station.studies.lenz_tsai import STUDY as LENZ_TSAI
 from station.studies.nonparallel_head import STUDY as NONPARALLEL_HEAD
 from station.studies.study import StudyResult
@@ -35,6 +36,31 @@ def test_nonparallel_head() -> None:
     result = NONPARALLEL_HEAD.run(1, True, silent)
     assert_goals_met(result)
     assert result.figures["joint_z_largest_before_mm"] < result.figures["two-system_z_largest_before_mm"]
+
+
+def test_parallel_head() -> None:
+    """One head; the arctangent edges, two seconds an image, are left to the study itself."""
+    lines = [line for line in parallel_head.LINES if line.marks != "arctan_edges"]
+    found = parallel_head.errors_of_head(np.random.default_rng(2), lines)
+    assert {len(errors.points) for errors in found.values()} == {25}
+    assert found["joint_ellipse"].largest < parallel_head.LARGEST_UM
+    assert 1.5 * found["joint_ellipse"].largest < found["own_weight_point"].largest < 300.0
+    assert found["own_plain"].largest < 350.0
+
+
+def test_parallel_head_reports_failed_calibrations(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+
+    def errors_of_head(_: np.random.Generator) -> dict[str, parallel_head.HeadErrors]:
+        sizes = {"own_plain": 90.0, "own_weight_point": 80.0, "own_subpixel": 20.0, "joint_ellipse": 8.0}
+        drawn = {name: size * rng.normal(size=(100, 3)) for name, size in sizes.items()}
+        return {name: parallel_head.HeadErrors(e[:25], e) for name, e in drawn.items()}
+
+    monkeypatch.setattr(parallel_head, "errors_of_head", errors_of_head)
+    result = parallel_head.STUDY.run(0, True, silent)
+    assert result.figures["lenz_without_result"] == 2
+    missed = {goal.figure for goal in result.missed}
+    assert missed == {"lines_better_than_the_one_before", "lenz_subpixel_largest_position_um"}
 
 
 def test_same_seed_same_result() -> None:
