@@ -123,5 +123,5 @@ def test_printed_errors_left_out_of_fit_and_choice(printed: tuple[Array, Array])
     correction = fit_correction(points, errors)
     for column, limit in ((0, 0.045), (2, 0.055)):
         known = np.isfinite(errors[:, column])
-        left = left_out_errors(correction.scaled(points)[known], errors[known, column], CANDIDATES)
+        left = left_out_errors(correction.scaled(points)[known], errors[known, column], CANDIDATES, 12)
         assert np.sqrt(np.square(left).mean()) < limit
