@@ -1,0 +1,68 @@
+"""`truewheel calibration refresh`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from station.commands.output import JsonFlag, print_json
+
+
+def refresh_command(
+    shots: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of shots of ordinary wheels; ten tell more.", show_default=False),
+    ],
+    calibration: Annotated[Path, typer.Option(help="Calibration file in force.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="New calibration file; not written when no camera changed.", show_default=False),
+    ],
+    focal: Annotated[
+        bool, typer.Option("--focal", help="The lens may have been refocused: its focal length too.")
+    ] = False,
+    config: Annotated[
+        Path | None, typer.Option(help="Station's configuration whose [measure] counts.", show_default=False)
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Find the one camera that was moved, from shots of ordinary wheels, and estimate its pose anew.
+
+    All other cameras are held. What wheels cannot tell of the new pose stays uncertain, and the calibration
+    says how much: when its angles are too uncertain, calibrate with the plate.
+    """
+    from datetime import UTC, datetime
+
+    from alignment.values import MeasureSettings
+    from station.calibration_refresh import refresh_file, refreshed_as_json
+    from station.config import read_configuration
+
+    settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
+    found, new = refresh_file(shots, calibration, out, datetime.now(UTC), settings, focal=focal)
+    result = refreshed_as_json(found, new) | {"out": None if new is None else str(out), "shots": len(shots)}
+    if as_json:
+        print_json(result)
+    else:
+        _print(result)
+
+
+def _print(result: dict[str, Any]) -> None:
+    for head in result["heads"]:
+        verdict = "CHANGED" if head["changed"] else "as calibrated"
+        typer.echo(f"{head['head']}: {head['row_rms_px']:.3f} px RMS of {head['pairs']} crosses, {verdict}")
+    if result["camera"] is None:
+        typer.echo("no camera changed; nothing written")
+        return
+    turn = ", ".join(f"{angle:+.2f}′" for angle in result["turn_arcmin"])
+    move = ", ".join(f"{value:+.3f}" for value in result["move_mm"])
+    doubt = "" if result["certain"] else " (or the other one of its head)"
+    typer.echo(
+        f"{' '.join(result['camera'])} changed{doubt}: turned {turn}, moved {move} mm; its head's rows now "
+        f"{result['row_rms_px']:.3f} px RMS"
+    )
+    if result["predicted_camber_u95_deg"] is not None:
+        camber, toe = (60.0 * result[f"predicted_{name}_u95_deg"] for name in ("camber", "toe"))
+        typer.echo(f"angles from now on: camber ±{camber:.2f}′, toe ±{toe:.2f}′ (95 %) from the calibration")
+    typer.echo(f"wrote {result['out']}: {result['calibration_id']}")

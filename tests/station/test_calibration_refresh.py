@@ -1,0 +1,125 @@
+"""`truewheel calibration refresh`: files in, a new file out, or none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import station.calibration_refresh
+from alignment.calibration.cross_pairs import CrossPairs
+from alignment.calibration.prediction import NominalWheel, wheel_points
+from alignment.calibration.refresh import Movement, Refreshed, refresh_from_pairs
+from alignment.geometry.cameras import PosedCamera
+from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
+from sensors.formats import read_calibration_file, write_calibration
+from station.cli import main
+from tests.station.calibrations import true_rig
+
+NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    return int(ended.value.code or 0)
+
+
+def known_rig() -> RigCalibration:
+    true = true_rig()
+    return replace(true, covariance=1e-14 * np.eye(len(true.parameter_names)))
+
+
+def knocked() -> RigCalibration:
+    known = known_rig()
+    first, *rest = known.heads
+    pose = first.left.rig_from_camera.perturbed(np.array([5e-4, 0.0, 5e-4]), np.zeros(3))
+    moved = HeadCalibration(first.name, PosedCamera(first.left.model, pose), first.right)
+    return replace(known, id="cal-knocked", heads=(moved, *rest))
+
+
+@pytest.fixture
+def seen_by_the_true_rig(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shots whose crosses are computed, not rendered."""
+    rng = np.random.default_rng(2)
+    pairs = []
+    for head in true_rig().heads:
+        points = wheel_points(head, NominalWheel())
+        left, right = (camera.project(points) for camera in head.cameras)
+        pairs.append(
+            CrossPairs(*(pixels + 0.02 * rng.standard_normal(pixels.shape) for pixels in (left, right)))
+        )
+
+    def refresh(
+        shots: Sequence[Sequence[StereoImages]],
+        calibration: RigCalibration,
+        settings: MeasureSettings,
+        movement: Movement,
+    ) -> Refreshed:
+        assert len(shots) == 2
+        return refresh_from_pairs(pairs, calibration, movement)
+
+    monkeypatch.setattr(station.calibration_refresh, "refresh", refresh)
+    monkeypatch.setattr(
+        station.calibration_refresh, "read_shot", lambda folder, known: SimpleNamespace(images=())
+    )
+
+
+def write(path: Path, calibration: RigCalibration) -> Path:
+    write_calibration(path, calibration, method="test", created_utc=NOON)
+    return path
+
+
+@pytest.mark.usefixtures("seen_by_the_true_rig")
+def test_a_knocked_camera_gets_a_new_pose_and_the_file_a_new_identity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new = write(tmp_path / "old.json", knocked()), tmp_path / "new.json"
+    before = old.read_bytes()
+    command = "calibration", "refresh", "a", "b", "--calibration", old, "--out", new
+    assert run(*command, "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["outcome"] == "refreshed"
+    assert said["camera"][0] == "head_1"
+    assert [head["changed"] for head in said["heads"]] == [True, False, False]
+    assert said["heads"][0]["row_rms_px"] > 0.5
+    assert said["row_rms_px"] < 0.05
+    assert said["predicted_toe_u95_deg"] > 0.0
+    file = read_calibration_file(new)
+    assert file.id == said["calibration_id"] != "cal-knocked"
+    assert "cal-knocked, head_1" in file.method
+    assert old.read_bytes() == before
+
+    assert run(*command) == 2
+    assert "what is there is not replaced" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("seen_by_the_true_rig")
+def test_nothing_is_written_when_no_camera_changed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new = write(tmp_path / "old.json", known_rig()), tmp_path / "new.json"
+    assert run("calibration", "refresh", "a", "b", "--calibration", old, "--out", new) == 0
+    said = capsys.readouterr().out
+    assert "head_3" in said
+    assert "no camera changed; nothing written" in said
+    assert not new.exists()
+
+
+@pytest.mark.usefixtures("seen_by_the_true_rig")
+def test_a_person_reads_what_changed_and_how_sure_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old, new = write(tmp_path / "old.json", knocked()), tmp_path / "new.json"
+    assert run("calibration", "refresh", "a", "b", "--calibration", old, "--out", new, "--focal") == 0
+    said = capsys.readouterr().out
+    assert "head_1: " in said
+    assert "CHANGED" in said
+    assert "95 %" in said
+    assert f"wrote {new}" in said
