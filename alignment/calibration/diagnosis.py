@@ -21,6 +21,7 @@ _GOOD_SCALE = 3.0  # noise over what the marks' covariances state
 _GOOD_OUTLIERS = 0.02
 _FITS = 0.8  # share of a view's marks that must fit a hypothesis
 _SAME_MM = 0.5
+_PREDICTED_PX = 0.05
 _AXES = "xyz"
 
 
@@ -96,7 +97,9 @@ def _place(data: CalibrationInput, view: PlateView, known: Adjustment) -> _Place
         fixed_cameras=frozenset(known.cameras),
         frame_is_known=True,
     )
-    scales = np.array([max(known.noise_scale[key], 1.0) for key in data.cameras])
+    # Cameras found without this view predict it less well than they fit their own.
+    stated = float(np.median(1.0 / np.abs(problem.whitening[:, 0, 0])))
+    scales = np.full(len(data.cameras), max(*known.noise_scale.values(), _PREDICTED_PX / stated))
     best = _Placed(RigidTransform.identity(), 0.0)
     for key, seen in view.observations.items():
         try:
