@@ -39,6 +39,7 @@ _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _STRETCH = 25  # line points that count as one cluster
 _GOOD_SCALE = 6.0  # residuals in units of the image noise below which no other hypothesis needs a look
+_ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.15  # of the offered points; half of them lie on the rim anyway
 # A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS and so much of the
@@ -234,6 +235,8 @@ def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | 
             best = surface
         if best.fit.scale < _GOOD_SCALE:
             break
+    if best is not None and best.fit.scale >= _GOOD_SCALE:
+        best = _without_intruder(pool, best)
     if best is None:
         return Refusal(
             RefusalCode.NOT_A_WHEEL,
@@ -254,6 +257,27 @@ def _fit_hypothesis(pool: _Pool, hypothesis: PlaneHypothesis) -> _Surface:
     if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
         fit, chosen = _fit(pool, again, fit.normal, fit.centre), again
     return _Surface(fit, chosen)
+
+
+def _without_intruder(pool: _Pool, surface: _Surface) -> _Surface:
+    """Start again from all heads but one: something before that head may have spoilt the fit."""
+    best, most = surface, 0
+    for head in range(int(pool.head.max()) + 1):
+        chosen = surface.chosen & (pool.head != head)
+        try:
+            fit = _fit(pool, chosen, surface.fit.normal, surface.fit.centre)
+            for _ in range(_ROUNDS):
+                heights = np.nan_to_num(fit.height(pool.points), nan=np.inf)
+                chosen = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+                fit = _fit(pool, chosen, fit.normal, fit.centre)
+                if fit.scale < _GOOD_SCALE:
+                    break
+        except DegenerateInputError:
+            continue
+        # Of those that fit, the one on which most points lie.
+        if fit.scale < _GOOD_SCALE and np.count_nonzero(fit.weights) > most:
+            best, most = _Surface(fit, chosen), int(np.count_nonzero(fit.weights))
+    return best
 
 
 def _fit(pool: _Pool, chosen: NDArray[np.bool_], normal: Array, centre: Array) -> RevolutionFit:

@@ -61,3 +61,19 @@ def test_calibration_without_a_head_keeps_the_covariance_of_the_others(folder: P
     third = size // 3
     assert np.diag(rest.covariance).tolist() == [*range(third), *range(2 * third, size)]
     assert [head.name for head in rest.heads] == ["head_1", "head_3"]
+
+
+@pytest.mark.parametrize("shift", [60, -60])
+def test_something_before_a_head_does_not_spoil_the_others(folder: Path, shift: int) -> None:
+    """A patch of one head's right image moved along the epipolar lines is an object before the wheel."""
+    images = path_traced.images(folder, "wheel_00")
+    right = images[0].right.copy()
+    height, width = right.shape
+    rows, columns = slice(height // 3, 2 * height // 3), slice(width // 4, 3 * width // 4)
+    right[rows, columns] = np.roll(images[0].right, shift, axis=1)[rows, columns]
+    images[0] = StereoImages(images[0].left, right)
+    result = measure_wheel(images, path_traced.calibration(folder), MeasureSettings())
+    assert isinstance(result, WheelMeasurement)
+    truth = path_traced.truth(folder, "wheel_00")
+    assert_angle_within(result.camber, np.radians(truth.camber_deg), 0.1, "camber")
+    assert_angle_within(result.toe, np.radians(truth.toe_deg), 0.1, "toe")
