@@ -1,7 +1,4 @@
-"""Checks of calibrations: what a plate or a master wheel said of one, as found and as left.
-
-The next revision builds on this one: its `down_revision` is "0002".
-"""
+"""Checks of calibrations: what a plate or a master wheel said of one, as found and as left."""
 
 from typing import Any
 
