@@ -48,7 +48,7 @@ def fit_projection_unit_axis(points: Array, pixels: Array) -> Array:
     axis_columns = rows[:, 8:11]
     q, _ = np.linalg.qr(np.delete(rows, (8, 9, 10), axis=1))
     rest = axis_columns - q @ (q.T @ axis_columns)
-    axis = np.linalg.svd(rest)[2][-1]
+    axis = np.linalg.svd(rest, full_matrices=False)[2][-1]
     others = np.linalg.lstsq(np.delete(rows, (8, 9, 10), axis=1), -axis_columns @ axis, rcond=None)[0]
     matrix = np.concatenate([others[:8], axis, others[8:]]).reshape(3, 4)
     matrix = np.linalg.inv(of_pixels) @ matrix @ of_points
