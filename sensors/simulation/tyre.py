@@ -182,7 +182,7 @@ class Tyre:
 
 def casting_scene(meshes: Sequence[tuple[Array, NDArray[np.int64]]]) -> Any:
     """Open3D ray-casting scene of meshes (vertices, triangles), whose geometry ids count from 0."""
-    import open3d as o3d  # noqa: PLC0415  (takes two seconds)
+    import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()
     for vertices, triangles in meshes:
@@ -192,7 +192,7 @@ def casting_scene(meshes: Sequence[tuple[Array, NDArray[np.int64]]]) -> Any:
 
 def tensor(array: NDArray[Any], kind: type[np.generic]) -> Any:
     """Copy an array to an Open3D tensor of a NumPy type."""
-    import open3d as o3d  # noqa: PLC0415  (takes two seconds)
+    import open3d as o3d
 
     make: Any = o3d.core.Tensor  # its stubs do not know that one argument is enough
     return make(np.ascontiguousarray(array, dtype=kind))

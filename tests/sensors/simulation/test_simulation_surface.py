@@ -47,7 +47,7 @@ def test_refined_hits_lie_on_the_analytic_surface_although_the_mesh_does_not(tyr
         [rng.uniform(-0.2, 0.2, 50_000), rng.uniform(-0.13, 0.09, 50_000), -np.ones(50_000)]
     )
     packed = np.concatenate([np.broadcast_to(origin, rays.shape), rays], axis=1).astype(np.float32)
-    import open3d as o3d  # noqa: PLC0415  (takes two seconds)
+    import open3d as o3d
 
     mesh_depth = tyre.scene.cast_rays(o3d.core.Tensor(packed))["t_hit"].numpy().astype(float)
     depth, gradient, good = shading.refine(rays, mesh_depth, origin, tyre.surface)
@@ -65,7 +65,7 @@ def test_refined_hits_lie_on_the_analytic_surface_although_the_mesh_does_not(tyr
 def test_lettering_is_never_overlooked_by_the_shortcut_for_flat_places(tyre: Tyre) -> None:
     points = sidewall_points(tyre, 20_000, 3)
     s = tyre.surface
-    from sensors.simulation.surface import heights  # noqa: PLC0415
+    from sensors.simulation.surface import heights
 
     bump = heights(points, s.scales, s.profile, s.relief)[0][:, 3]
     near = np.array([relief_near(x, y, 0.5, s.scales, s.relief, s.occupied) for x, y in points])
