@@ -163,9 +163,7 @@ def refresh_from_pairs(
 
     `certain` is then False whenever both cameras of the head explain the rows about equally.
     """
-    heads = tuple(
-        _state(calibration, k, head_pairs, movement or Movement()) for k, head_pairs in enumerate(pairs)
-    )
+    heads = tuple(_state(calibration, k, head_pairs) for k, head_pairs in enumerate(pairs))
     changed = [k for k, state in enumerate(heads) if state.changed]
     if not changed:
         worst = max(state.row_rms_px for state in heads)
@@ -353,8 +351,7 @@ def _blocks(calibration: RigCalibration, head: int) -> tuple[slice, Array]:
     return slice(sum(sizes[:head]), sum(sizes[: head + 1])), calibration.covariance
 
 
-def _state(calibration: RigCalibration, head: int, pairs: CrossPairs, movement: Movement) -> HeadState:
-    del movement
+def _state(calibration: RigCalibration, head: int, pairs: CrossPairs) -> HeadState:
     rows, covariance = _blocks(calibration, head)
     known = calibration.heads[head]
     equations = _compressed(known, pairs)
