@@ -41,7 +41,7 @@ _STRETCH = 25  # line points that count as one cluster
 _GOOD_SCALE = 6.0  # residuals in units of the image noise below which no other hypothesis needs a look
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
-_LEAST_SHARE = 0.15  # of the offered points; half of them lie on the rim anyway
+_LEAST_SHARE = 0.05  # of the offered points; most may lie on rim and obstacles
 # A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS and so much of the
 # residuals, moved: undisturbed heads stay below 0.004 mm, a turn of a tenth of a degree gives 0.015 mm.
 _WORST_MISFIT, _MISFIT_SHARE = 0.01, 0.05
