@@ -20,6 +20,8 @@ What the program's own studies found. Each one repeats an experiment with render
 that stand for them, and compares what comes out with the truth, which only the scoring sees. A goal that is
 missed says **no**.
 
+Each text says how many repetitions stand behind it; few mean that the study was run with `--quick`.
+
 `make studies` runs them all in full and writes this page. One alone, and the page from what is there:
 
 ```
