@@ -1,0 +1,155 @@
+"""Recalibration in use with the covariance of a real calibration, and from rendered wheels."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from alignment.calibration.adjustment import adjust
+from alignment.calibration.cross_pairs import CrossPairs, cross_pairs, joined
+from alignment.calibration.observations import CameraKey
+from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty, wheel_points
+from alignment.calibration.refresh import Movement, estimate, refresh, refresh_from_pairs
+from alignment.geometry.cameras import PosedCamera
+from alignment.values import HeadCalibration, MeasureSettings, RigCalibration
+from sensors.simulation.render import simulate_shot
+from sensors.simulation.rigs import RIG_SPECS, build_rig
+from sensors.simulation.scene import draw_pose, draw_scene
+from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+
+KNOCK = np.array([1.2e-3, -0.3e-3, 0.8e-3])
+POSE = ("rx", "ry", "rz", "cx_mm", "cy_mm", "cz_mm")
+
+
+@cache
+def true_rig() -> RigCalibration:
+    return build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1))
+
+
+@cache
+def calibrated() -> RigCalibration:
+    """The rig as a plate session found it."""
+    true = true_rig()
+    views = observe(cameras_of(true), square_plate(), STAGES[:5], np.random.default_rng(2))
+    return adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
+
+
+def knocked(
+    rig: RigCalibration, camera: CameraKey, rotation: np.ndarray = KNOCK, focal: float = 1.0
+) -> RigCalibration:
+    def change(head: HeadCalibration, side: str) -> PosedCamera:
+        old: PosedCamera = getattr(head, side)
+        if (head.name, side) != camera:
+            return old
+        model = replace(old.model, fx=old.model.fx * focal, fy=old.model.fy * focal)
+        return PosedCamera(model, old.rig_from_camera.perturbed(rotation, np.zeros(3)))
+
+    heads = tuple(HeadCalibration(h.name, change(h, "left"), change(h, "right")) for h in rig.heads)
+    return replace(rig, heads=heads)
+
+
+def seen(rig: RigCalibration, shots: int = 12, noise: float = 0.05, wrong: float = 0.0) -> list[CrossPairs]:
+    """Crosses on wheels of several depths and tilts, as each head's true cameras see them."""
+    rng = np.random.default_rng(3)
+    out = []
+    for head in rig.heads:
+        parts = []
+        for _ in range(shots):
+            points = wheel_points(head, NominalWheel()) + np.array([0.0, 0.0, rng.uniform(-15, 15)])
+            points = points[rng.choice(len(points), 100, replace=False)]
+            points[:, 2] += points[:, :2] @ rng.uniform(-0.05, 0.05, 2)
+            left, right = (c.project(points) + noise * rng.standard_normal((100, 2)) for c in head.cameras)
+            spoilt = rng.random(100) < wrong
+            right[spoilt] += rng.uniform(-20, 20, (int(spoilt.sum()), 2))
+            parts.append(CrossPairs(left, right))
+        out.append(joined(parts))
+    return out
+
+
+def test_a_good_calibration_with_its_own_errors_is_not_called_changed() -> None:
+    found = refresh_from_pairs(seen(true_rig()), calibrated())
+    assert found.camera is None
+    assert found.calibration is calibrated()
+    assert not any(head.changed for head in found.heads)
+
+
+@pytest.mark.parametrize("camera", [("head_1", "left"), ("head_2", "right"), ("head_3", "left")])
+def test_the_knocked_head_is_found_among_wrong_pairs(camera: CameraKey) -> None:
+    found = refresh_from_pairs(seen(knocked(true_rig(), camera), wrong=0.03), calibrated())
+    assert found.camera is not None
+    assert found.camera[0] == camera[0]
+    assert [head.name for head in found.heads if head.changed] == [camera[0]]
+    before = next(head.row_rms_px for head in found.heads if head.name == camera[0])
+    assert before > 2.0
+    assert found.row_rms_px < 0.1
+
+
+def test_only_the_pose_of_that_camera_changes() -> None:
+    camera: CameraKey = ("head_2", "left")
+    found = estimate(seen(knocked(true_rig(), camera)), calibrated(), camera)
+    before, after = cameras_of(calibrated()), cameras_of(found.calibration)
+    for key, old in before.items():
+        assert (after[key] is old) == (key != camera)
+    np.testing.assert_array_equal(after[camera].model.parameters, before[camera].model.parameters)
+    # Rows tell the turns about the optical axis and about the baseline well, that about the third axis less.
+    assert abs(found.moved[0] - KNOCK[0]) < 0.3e-3
+    assert abs(found.moved[2] - KNOCK[2]) < 0.1e-3
+
+
+def test_the_covariance_of_the_others_is_held_and_that_of_the_camera_grows() -> None:
+    camera: CameraKey = ("head_2", "left")
+    found = estimate(seen(knocked(true_rig(), camera)), calibrated(), camera).calibration
+    before, after = calibrated().covariance, found.covariance
+    assert before is not None
+    assert after is not None
+    pose = np.array([name.removeprefix("head_2.left.") in POSE for name in found.parameter_names])
+    held = np.ix_(~pose, ~pose)
+    np.testing.assert_allclose(after[held], before[held], rtol=1e-6, atol=1e-15)
+    assert (np.diag(after)[pose] > 0.9 * np.diag(before)[pose]).all()
+    # What the rows do not tell makes the angles uncertain, and the prediction says so.
+    assert max(predict_angle_uncertainty(found)) > 3.0 * max(predict_angle_uncertainty(calibrated()))
+
+
+def test_errors_of_the_estimate_are_inside_its_covariance() -> None:
+    camera: CameraKey = ("head_1", "right")
+    movement = Movement(rotation=1e-3, shift_mm=0.05)
+    rng = np.random.default_rng(11)
+    ratios = []
+    for _ in range(12):
+        turn = rng.normal(0.0, 1e-3, 3)
+        found = estimate(seen(knocked(true_rig(), camera, turn), shots=3), calibrated(), camera, movement)
+        true = cameras_of(knocked(true_rig(), camera, turn))[camera].rig_from_camera
+        error = (true.inverse() @ cameras_of(found.calibration)[camera].rig_from_camera).rotvec()
+        covariance = found.calibration.covariance
+        assert covariance is not None
+        first = found.calibration.parameter_names.index("head_1.right.rx")
+        ratios.append(error / np.sqrt(np.diag(covariance)[first : first + 3]))
+    rms = np.sqrt(np.square(ratios).mean(axis=0))
+    assert (rms < 1.8).all(), rms
+
+
+def test_a_refocused_camera_gets_its_focal_length_when_asked() -> None:
+    camera: CameraKey = ("head_3", "right")
+    pairs = seen(knocked(true_rig(), camera, np.zeros(3), focal=1.002))
+    found = estimate(pairs, calibrated(), camera, Movement(focal=3e-3))
+    assert abs(found.focal_change - 0.002) < 0.0008
+    assert found.row_rms_px < 0.1
+    assert estimate(pairs, calibrated(), camera).focal_change == 0.0
+
+
+def test_rendered_wheels_find_the_knocked_camera() -> None:
+    spec, settings = RIG_SPECS["standard"], MeasureSettings()
+    camera: CameraKey = ("head_2", "left")
+    now = knocked(true_rig(), camera)
+    rng = np.random.default_rng(4)
+    shots = [
+        simulate_shot(draw_scene(spec, "left", draw_pose(rng, camber, 0.01), rng, seed=7), now, rng).images
+        for camber in (-0.02, 0.02)
+    ]
+    pairs = cross_pairs(shots[0], calibrated(), settings)
+    assert all(len(of_head.left) > 40 for of_head in pairs)
+    found = refresh(shots, calibrated(), settings)
+    assert found.camera is not None
+    assert found.camera[0] == "head_2"
+    assert found.row_rms_px < 0.15
