@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
-from alignment.imaging.plate_grid import PlateRefusal, observe_plate
 from alignment.values import RigCalibration, Side, StereoImages, WheelMeasurement
 from sensors.formats import read_plate
 from sensors.formats.plate_session import PlateSession
@@ -21,6 +20,7 @@ from sensors.simulation.plate_session import PlateSessionSpec, plate_positions, 
 from sensors.simulation.render import SAMPLES, render_samples
 from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
 from sensors.simulation.scene import WheelScene, truth_of
+from station.calibrate import observe_session
 from station.commands.output import default_config
 
 Array = NDArray[np.float64]
@@ -70,18 +70,13 @@ def observed(session: PlateSession) -> CalibrationInput:
     DegenerateInputError
         When the plate is not recognised in an image.
     """
-    views = []
-    for view in session.views:
-        seen: dict[CameraKey, MarkObservations] = {}
-        for key, image in view.images.items():
-            found = observe_plate(image, session.plate.seen_by(key[0]))
-            if isinstance(found, PlateRefusal):
-                raise DegenerateInputError(
-                    field=f"{view.name}, {' '.join(key)}", expected="the plate", seen=found.reason
-                )
-            seen[key] = found
-        views.append(PlateView(view.name, view.stage_mm, seen))
-    return CalibrationInput(session.plate.plate, tuple(views), dict(session.sizes), session.stage_sigma_mm)
+    views, refusals = observe_session(session, lambda _share, _what: None)
+    if refusals:
+        view, key, refusal = refusals[0]
+        raise DegenerateInputError(
+            field=f"{view}, {' '.join(key)}", expected="the plate", seen=refusal.reason
+        )
+    return CalibrationInput(session.plate.plate, views, dict(session.sizes), session.stage_sigma_mm)
 
 
 def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Samples, Samples]]:
