@@ -248,7 +248,7 @@ def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | 
 
 def _fit_hypothesis(pool: _Pool, hypothesis: PlaneHypothesis) -> _Surface:
     c = hypothesis.coefficients
-    heights = pool.points[:, 2] - (c[0] + pool.points[:, :2] @ c[1:])
+    heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
     chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
     fit = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]))
     # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
@@ -343,7 +343,8 @@ def _evaluate(
             return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
         rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
-    height = float(weights @ ((points - fit.centre) @ normal) / weights.sum())
+    above = np.einsum("ij,j->i", points - fit.centre, normal)
+    height = float((weights * above).sum() / weights.sum())
     centre = fit.centre + height * normal
     rotation = calibration.vehicle_from_rig.rotation
     in_vehicle = rotation @ normal
@@ -389,7 +390,7 @@ def _from_calibration(calibration: RigCalibration) -> Array:
 def _rms(residuals: Array, weights: Array, mask: NDArray[np.bool_]) -> float:
     """Weighted root mean square over the mask; 0 for none."""
     total = float(weights[mask].sum())
-    return float(np.sqrt(weights[mask] @ residuals[mask] ** 2 / total)) if total > 0 else 0.0
+    return float(np.sqrt((weights[mask] * residuals[mask] ** 2).sum() / total)) if total > 0 else 0.0
 
 
 def _outside(what: str) -> Refusal:

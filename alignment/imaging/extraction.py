@@ -28,7 +28,7 @@ MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
-_COARSE = 4  # rows between scanned rows where a direction cannot be matched
+_COARSE = 8  # rows between scanned rows where a direction cannot be matched
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
 _FILTER = 1.4  # of the line's deviation: near the optimum for shot noise, and good for read noise
@@ -270,7 +270,7 @@ def _extract(
     width = line_width(image, transposed, contrast)
     if width == 0.0:
         return
-    # A first look at every fourth row tells which direction is worth every row.
+    # A first look at every eighth row tells which direction is worth every row.
     steep, steep_starts, steep_slope = _trace(image, width, contrast, _COARSE)
     flat, flat_starts, flat_slope = _trace(transposed, width, contrast, _COARSE)
     steep_step = flat_step = _COARSE

@@ -77,7 +77,7 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
         (height, width), all 8 or all 16 bit, one channel.
     along
         (n, 2) direction in each image, x and y, of the epipolar lines where they are known. Lines nearly
-        parallel to it are scanned at every fourth pixel only.
+        parallel to it are scanned at every eighth pixel only.
 
     Returns
     -------

@@ -187,18 +187,28 @@ def _normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cluster_gradients(
-    values: Array, weight: Array, jacobian: Array, first: Index, cluster: Index, clusters: int, size: int
+def _cluster_pulls(
+    values: Array,
+    weight: Array,
+    jacobian: Array,
+    first: Index,
+    cluster: Index,
+    clusters: int,
+    solution: Array,
 ) -> Array:
-    out = np.zeros((clusters, size))
+    """Pull (clusters, m) of each cluster's residuals, by columns (4 + K, m) of the inverse."""
+    columns = solution.shape[1]
+    out = np.zeros((clusters, columns))
     for i in range(values.size):
         w = weight[i] * values[i]
         if weight[i] <= 0.0:
             continue
-        c, k = cluster[i], 4 + first[i]
-        for a in range(4):
-            out[c, a] += w * jacobian[i, a]
-            out[c, k + a] += w * jacobian[i, a + 4]
+        c, k = cluster[i], AXIS + first[i]
+        for m in range(columns):
+            total = 0.0
+            for a in range(AXIS):
+                total += jacobian[i, a] * solution[a, m] + jacobian[i, a + AXIS] * solution[k + a, m]
+            out[c, m] += w * total
     return out
 
 
@@ -207,7 +217,8 @@ def _frame_of(normal: Array) -> Array:
     n = normal / np.linalg.norm(normal)
     e1 = np.array([1.0, 0.0, 0.0]) - n[0] * n
     e1 /= np.linalg.norm(e1)
-    return np.array([e1, np.cross(n, e1), n])
+    e2 = (n[1] * e1[2] - n[2] * e1[1], n[2] * e1[0] - n[0] * e1[2], n[0] * e1[1] - n[1] * e1[0])
+    return np.array([e1, e2, n])
 
 
 @dataclass(eq=False)
@@ -338,10 +349,10 @@ def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     """(2, 2) covariance of the two tilts, by the sandwich over clusters."""
     system = _system(state, data)
     size = len(system.right)
-    gradients = _cluster_gradients(
-        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, size
+    inverse = np.ascontiguousarray(system.solve(np.eye(size, 2)))
+    half = _cluster_pulls(
+        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, inverse
     )
-    half = gradients @ system.solve(np.eye(size, 2))
     used = len(np.unique(cluster[data.weight > 0]))
     # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
     root = np.sqrt(data.tukey)
