@@ -33,7 +33,7 @@ _SYSTEMATIC_PX = 0.03  # what crosses of one shot have in common: the projector'
 _STEPS = np.array([1e-6] * 3 + [1e-4] * 3)
 _ITERATIONS = 4
 _CLEAR_EVIDENCE = 10.0  # difference of −2 log evidence that decides
-_BETTER_FIT = 0.97  # ratio of residuals of the wheels that decides between the two cameras of a head
+_BETTER_FIT = 0.8  # ratio of the wheels' residuals that tells a head's two cameras apart; near 1 is chance
 _TUKEY = 4.685
 
 
