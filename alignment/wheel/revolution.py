@@ -7,7 +7,6 @@ weight (Tukey's biweight, scale from the median absolute deviation).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,17 +14,16 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from alignment.errors import DegenerateInputError
-from alignment.kernels import njit
+from alignment.wheel import revolution_kernels as kernels
+from alignment.wheel.revolution_kernels import AXIS, FEWEST
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 _TUKEY = 3.5  # in robust standard deviations; small, because letters and ring edges are not noise
 _CENTRE_PRIOR = 30.0  # mm; keeps the axis position finite on a flat sidewall
 _STIFFNESS = 1e-4  # of the profile, relative to the points' weight
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
-_FEWEST = 50
 _SETTLED = 2e-7  # radians, 0.0007′; the next step would be several times smaller
 
 
@@ -69,147 +67,9 @@ class RevolutionFit:
     def height(self, points: Array) -> Array:
         """Height of points (N, 3) above the surface, millimetres; NaN beyond the profile's radii."""
         frame = np.vstack([self.tilt_axes, self.normal])
-        return _heights(
+        return kernels.heights(
             np.ascontiguousarray(points), self.centre, frame, self.knots_start, self.knots_step, self.profile
         )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _basis(t: float) -> tuple[float, float, float, float]:
-    s = 1.0 - t
-    t2, t3 = t * t, t * t * t
-    return (
-        s * s * s / 6.0,
-        (3.0 * t3 - 6.0 * t2 + 4.0) / 6.0,
-        (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) / 6.0,
-        t3 / 6.0,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _basis_slope(t: float) -> tuple[float, float, float, float]:
-    s = 1.0 - t
-    return -0.5 * s * s, 0.5 * (3.0 * t * t - 4.0 * t), 0.5 * (-3.0 * t * t + 2.0 * t + 1.0), 0.5 * t * t
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _heights(points: Array, centre: Array, frame: Array, start: float, step: float, profile: Array) -> Array:
-    out = np.empty(points.shape[0])
-    for i in range(points.shape[0]):
-        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-        h = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-        g = (np.sqrt(x * x + y * y) - start) / step
-        k = int(np.floor(g))
-        if k < 0 or k + 3 >= profile.size:
-            out[i] = np.nan
-            continue
-        b0, b1, b2, b3 = _basis(g - k)
-        out[i] = h - (b0 * profile[k] + b1 * profile[k + 1] + b2 * profile[k + 2] + b3 * profile[k + 3])
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rows(
-    points: Array,
-    rays: Array,
-    centre: Array,
-    frame: Array,
-    start: float,
-    step: float,
-    profile: Array,
-    values: Array,
-    gain: Array,
-    jacobian: Array,
-    first: Index,
-) -> None:
-    """Residual, change along the ray, derivatives (4 axis, 4 spline), first spline index of each point."""
-    for i in range(points.shape[0]):
-        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-        h = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-        rho = np.sqrt(x * x + y * y)
-        g = (rho - start) / step
-        k = int(np.floor(g))
-        if k < 0 or k + 3 >= profile.size or rho < 1.0:
-            first[i] = -1
-            continue
-        first[i] = k
-        b0, b1, b2, b3 = _basis(g - k)
-        s0, s1, s2, s3 = _basis_slope(g - k)
-        f = b0 * profile[k] + b1 * profile[k + 1] + b2 * profile[k + 2] + b3 * profile[k + 3]
-        df = (s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]) / step
-        values[i] = h - f
-        rx = frame[0, 0] * rays[i, 0] + frame[0, 1] * rays[i, 1] + frame[0, 2] * rays[i, 2]
-        ry = frame[1, 0] * rays[i, 0] + frame[1, 1] * rays[i, 1] + frame[1, 2] * rays[i, 2]
-        rh = frame[2, 0] * rays[i, 0] + frame[2, 1] * rays[i, 1] + frame[2, 2] * rays[i, 2]
-        gain[i] = abs(rh - df * (x * rx + y * ry) / rho)
-        tilt = 1.0 + df * h / rho
-        jacobian[i, 0] = x * tilt
-        jacobian[i, 1] = y * tilt
-        jacobian[i, 2] = df * x / rho
-        jacobian[i, 3] = df * y / rho
-        jacobian[i, 4], jacobian[i, 5], jacobian[i, 6], jacobian[i, 7] = -b0, -b1, -b2, -b3
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _normal_equations(
-    values: Array, weight: Array, jacobian: Array, first: Index, knots: int
-) -> tuple[Array, Array, Array, Array]:
-    """Axis block (4, 4), axis–profile block (4, K), lower band (4, K) of the profile block, right side."""
-    corner = np.zeros((AXIS, AXIS))
-    side = np.zeros((knots, AXIS))
-    band = np.zeros((knots, 4))
-    right = np.zeros(AXIS + knots)
-    for i in range(values.size):
-        w = weight[i]
-        if w <= 0.0:
-            continue
-        k, row = first[i], jacobian[i]
-        for a in range(AXIS):
-            wa = w * row[a]
-            right[a] -= wa * values[i]
-            for b in range(a + 1):
-                corner[a, b] += wa * row[b]
-        for a in range(4):
-            wa = w * row[AXIS + a]
-            right[AXIS + k + a] -= wa * values[i]
-            for b in range(AXIS):
-                side[k + a, b] += wa * row[b]
-            for b in range(a + 1):
-                band[k + b, a - b] += wa * row[AXIS + b]
-    for a in range(AXIS):
-        for b in range(a):
-            corner[b, a] = corner[a, b]
-    return corner, side.T.copy(), band.T.copy(), right
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cluster_pulls(
-    values: Array,
-    weight: Array,
-    jacobian: Array,
-    first: Index,
-    cluster: Index,
-    clusters: int,
-    solution: Array,
-) -> Array:
-    """Pull (clusters, m) of each cluster's residuals, by columns (4 + K, m) of the inverse."""
-    columns = solution.shape[1]
-    out = np.zeros((clusters, columns))
-    for i in range(values.size):
-        w = weight[i] * values[i]
-        if weight[i] <= 0.0:
-            continue
-        c, k = cluster[i], AXIS + first[i]
-        for m in range(columns):
-            total = 0.0
-            for a in range(AXIS):
-                total += jacobian[i, a] * solution[a, m] + jacobian[i, a + AXIS] * solution[k + a, m]
-            out[c, m] += w * total
-    return out
 
 
 def _frame_of(normal: Array) -> Array:
@@ -232,47 +92,12 @@ class _State:
     profile: Array = field(default_factory=lambda: np.zeros(4))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _local_medians(
-    points: Array, tukey: Array, centre: Array, frame: Array, step: float
-) -> tuple[float, Array]:
-    """First knot, and the median height around each; a knot without points takes that of the one before."""
-    n = points.shape[0]
-    thin = max(1, n // 4000)
-    radius, height = np.empty(n), np.empty(n)
-    m = 0
-    for i in range(0, n, thin):
-        if tukey[i] > 0.0:
-            qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-            x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-            y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-            height[m] = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-            radius[m] = math.sqrt(x * x + y * y)
-            m += 1
-    order = np.argsort(radius[:m])
-    lo, hi = radius[order[m // 1000]], radius[order[m - 1 - m // 1000]]
-    count = max(4, math.ceil((hi - lo) / step) + 3)
-    profile = np.empty(count)
-    first = last = 0
-    value = height[order[m // 1000]]
-    for k in range(count):
-        # Knot k stands one step below the first for k = 0: the spline needs one beyond each end.
-        below, above = lo + step * (k - 1.5), lo + step * (k - 0.5)
-        while first < m and radius[order[first]] < below:
-            first += 1
-        last = max(last, first)
-        while last < m and radius[order[last]] < above:
-            last += 1
-        if last > first:
-            value = np.median(height[order[first:last]])
-        profile[k] = value
-    return lo, profile
-
-
 def _respline(state: _State, data: _Data, step: float) -> None:
     """Give the profile new knots over the radii that carry weight; its coefficients from local medians."""
     state.step = step
-    state.start, state.profile = _local_medians(data.points, data.tukey, state.centre, state.frame, step)
+    state.start, state.profile = kernels.local_medians(
+        data.points, data.tukey, state.centre, state.frame, step
+    )
 
 
 def fit_revolution(
@@ -312,8 +137,8 @@ def fit_revolution(
         When the points do not determine an axis.
     """
     n = len(points)
-    if n < _FEWEST:
-        raise DegenerateInputError(field="points", expected=f"at least {_FEWEST} points", seen=str(n))
+    if n < FEWEST:
+        raise DegenerateInputError(field="points", expected=f"at least {FEWEST} points", seen=str(n))
     state = _State(_frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
     # A rough profile on few points first, then the fine one, at last on all points.
     for thin, step, first_cut, iterations, settled in (
@@ -350,7 +175,7 @@ def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     system = _system(state, data)
     size = len(system.right)
     inverse = np.ascontiguousarray(system.solve(np.eye(size, 2)))
-    half = _cluster_pulls(
+    half = kernels.cluster_pulls(
         data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, inverse
     )
     used = len(np.unique(cluster[data.weight > 0]))
@@ -394,53 +219,20 @@ class _Data:
 
     def weigh(self, state: _State, cut: float, floor: float) -> float:
         """Residuals, derivatives and weights at the working point; returns the robust scale."""
-        _rows(
+        kernels.rows(
             self.points, self.rays, state.centre, state.frame, state.start, state.step, state.profile,
             self.values, self.gain, self.jacobian, self.first,
         )  # fmt: skip
-        scale = _weigh(self.values, self.sigma, self.gain, self.first, cut, floor, self.tukey, self.weight)
+        scale = kernels.weigh(
+            self.values, self.sigma, self.gain, self.first, cut, floor, self.tukey, self.weight
+        )
         if scale < 0.0:
             raise DegenerateInputError(
                 field="points",
                 expected="points around one axis",
-                seen=f"fewer than {_FEWEST} within the profile",
+                seen=f"fewer than {FEWEST} within the profile",
             )
         return float(scale)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _weigh(
-    values: Array,
-    sigma: Array,
-    gain: Array,
-    first: Index,
-    cut: float,
-    floor: float,
-    tukey: Array,
-    weight: Array,
-) -> float:
-    """Tukey's weights and the weights of the normal equations; returns the scale, −1 for too few points."""
-    n = values.size
-    ratio = np.empty(n)
-    inside = 0
-    for i in range(n):
-        if first[i] >= 0:
-            weight[i] = sigma[i] * max(gain[i], 0.1)
-            ratio[inside] = abs(values[i]) / weight[i]
-            inside += 1
-    if inside < _FEWEST:
-        return -1.0
-    thin = max(1, inside // 4000)
-    scale = max(1.4826 * np.median(ratio[:inside:thin]), floor)
-    for i in range(n):
-        tukey[i] = 0.0
-        deviation, weight[i] = weight[i], 0.0
-        if first[i] >= 0:
-            u = values[i] / (deviation * cut * scale)
-            if abs(u) < 1.0:
-                tukey[i] = (1.0 - u * u) ** 2
-                weight[i] = tukey[i] / (scale * deviation) ** 2
-    return scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -469,7 +261,9 @@ class _Arrow:
 def _system(state: _State, data: _Data) -> _Arrow:
     """Normal equations with a weak prior on the axis position and a weak pull to a smooth profile."""
     knots = len(state.profile)
-    corner, side, band, right = _normal_equations(data.values, data.weight, data.jacobian, data.first, knots)
+    corner, side, band, right = kernels.normal_equations(
+        data.values, data.weight, data.jacobian, data.first, knots
+    )
     corner[2, 2] += _CENTRE_PRIOR**-2
     corner[3, 3] += _CENTRE_PRIOR**-2
     stiffness = _STIFFNESS * float(band[0].mean()) + 1e-12
