@@ -134,24 +134,33 @@ def median_ms(action: Callable[[], object], repeats: int) -> float:
     return statistics.median(times) * 1e3
 
 
-def peak_memory_mb() -> float:
-    """Peak resident memory of a process of its own that renders nothing and measures one shot."""
-    code = (
-        "import pickle, sys, resource\n"
-        "from alignment.measure import measure_wheel\n"
-        "from alignment.values import MeasureSettings\n"
-        "images, calibration = pickle.load(sys.stdin.buffer)\n"
-        "assert measure_wheel(images, calibration, MeasureSettings())\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
-    )
-    sample = render_sample()
+_CHILD = """
+import pickle, resource, statistics, sys, time
+from alignment.measure import measure_wheel
+from alignment.values import MeasureSettings
+images, calibration, repeats = pickle.load(sys.stdin.buffer)
+settings, times = MeasureSettings(), []
+for _ in range(repeats + 2):
+    start = time.perf_counter()
+    assert measure_wheel(images, calibration, settings)
+    times.append(time.perf_counter() - start)
+print(statistics.median(times[2:]) * 1e3, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+
+def alone(sample: Sample, repeats: int) -> tuple[float, float]:
+    """Median time (ms) and peak memory (MB) of a warm process that only measures, as a station's does.
+
+    The renderer and the peers bring thread pools of their own into this process; a station has neither.
+    """
     done = subprocess.run(
-        [sys.executable, "-c", code],
-        input=pickle.dumps((sample.images, sample.calibration)),
+        [sys.executable, "-c", _CHILD],
+        input=pickle.dumps((sample.images, sample.calibration, repeats)),
         stdout=subprocess.PIPE,
         check=True,
     )
-    return float(done.stdout)
+    time_ms, memory_mb = map(float, done.stdout.split())
+    return time_ms, memory_mb
 
 
 def run(repeats: int = 15) -> dict[str, float]:
@@ -160,13 +169,13 @@ def run(repeats: int = 15) -> dict[str, float]:
     ours = measure_wheel(sample.images, sample.calibration, settings)
     if not isinstance(ours, WheelMeasurement):
         raise SystemExit(f"the sample was refused: {ours.reason}")
+    measure_ms, memory_mb = alone(sample, repeats)
     peers = [DenseStereo(head, settings.depth_range_mm) for head in sample.calibration.heads]
     normal = dense_plane(peers, sample.images)
     rotation = sample.calibration.vehicle_from_rig
     camber, toe = camber_toe(rotation.apply_vectors(normal), sample.calibration.side)
     every = [image for pair in sample.images for image in (pair.left, pair.right)]
 
-    measure_ms = median_ms(lambda: measure_wheel(sample.images, sample.calibration, settings), repeats)
     dense_ms = median_ms(lambda: dense_plane(peers, sample.images), max(2, repeats // 5))
     blur_ms = median_ms(lambda: [cv2.GaussianBlur(image, (0, 0), 1.5) for image in every], repeats)
     return {
@@ -175,7 +184,7 @@ def run(repeats: int = 15) -> dict[str, float]:
         "gaussian_blur_ms": blur_ms,
         "speedup_over_sgbm_ransac": dense_ms / measure_ms,
         "ratio_to_gaussian_blur": measure_ms / blur_ms,
-        "peak_memory_mb": peak_memory_mb(),
+        "peak_memory_mb": memory_mb,
         "camber_error_arcmin": (ours.camber - sample.camber) / _ARCMIN,
         "toe_error_arcmin": (ours.toe - sample.toe) / _ARCMIN,
         "sgbm_camber_error_arcmin": (camber - sample.camber) / _ARCMIN,
