@@ -17,6 +17,7 @@ from alignment.geometry.transforms import RigidTransform
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Side = Literal["left", "right"]
+VEHICLE_POSE_NAMES = tuple(f"vehicle_from_rig.{name}" for name in ("rx", "ry", "rz", "x_mm", "y_mm", "z_mm"))
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,10 @@ class RigCalibration:
     vehicle_from_rig_measured
         True when a gauge measured it, False when it is nominal.
     covariance
-        (P, P) joint covariance of all camera parameters where known, ordered as `parameter_names`; per
-        camera: rotation about its own axes (3, radians, see `RigidTransform.perturbed`), centre in the rig
-        frame (3, millimetres), then `CameraModel.parameters`.
+        (P, P) joint covariance of all parameters where known, ordered as `parameter_names`; per camera:
+        rotation about its own axes (3, radians, see `RigidTransform.perturbed`), centre in the rig frame (3,
+        millimetres), then `CameraModel.parameters`; at last, where it was measured, `vehicle_from_rig`:
+        rotation about the rig's axes (3, radians), position in the vehicle frame (3, millimetres).
     """
 
     id: str
@@ -74,13 +76,18 @@ class RigCalibration:
         if self.covariance is not None and self.covariance.shape != (size, size):
             raise DegenerateInputError(
                 field="covariance",
-                expected=f"a {size} × {size} matrix, one row per camera parameter",
+                expected=f"a {size} × {size} matrix, one row per parameter",
                 seen=f"shape {self.covariance.shape}",
             )
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the rows of `covariance`, such as ``head_1.left.rx``."""
+        """Names of the rows of `covariance`, such as ``head_1.left.rx`` and ``vehicle_from_rig.rx``."""
+        return self.camera_parameter_names + (VEHICLE_POSE_NAMES if self.vehicle_from_rig_measured else ())
+
+    @property
+    def camera_parameter_names(self) -> tuple[str, ...]:
+        """Names of the first rows of `covariance`, those of the cameras."""
         pose = ("rx", "ry", "rz", "cx_mm", "cy_mm", "cz_mm")
         return tuple(
             f"{head.name}.{side}.{name}"
@@ -91,7 +98,7 @@ class RigCalibration:
 
     def without_head(self, index: int) -> RigCalibration:
         """Return the calibration of the other heads; their covariance is that part of the whole."""
-        lost = f"{self.heads[index].name}."
+        lost = tuple(f"{self.heads[index].name}.{side}." for side in ("left", "right"))
         kept = [k for k, name in enumerate(self.parameter_names) if not name.startswith(lost)]
         return replace(
             self,

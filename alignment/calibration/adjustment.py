@@ -45,7 +45,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _FULL_WEIGHT = 4.0  # standard deviations; e⁻⁸ of good observations lie beyond
-_LEAST_SCALE = 0.02  # stated noise that is fifty times too large is not believed
 # Squared length of a last step in standard deviations of the unknowns, while the noise is still being
 # estimated and at the end.
 _SETTLED, _CONVERGED = 0.1, 1e-5
@@ -71,6 +70,9 @@ class AdjustmentSettings:
         Most steps.
     must_settle
         False takes what the last step reached, for comparisons, where the minimum itself is not needed.
+    least_noise_scale
+        Least noise of a camera over the stated one: stated noise that is fifty times too large is not
+        believed. 1 believes it, where one view has too little redundancy to tell noise from errors of marks.
     """
 
     model: str = "brown5"
@@ -78,6 +80,7 @@ class AdjustmentSettings:
     outlier_sigma: float = 2.0 * _FULL_WEIGHT
     iterations: int = 30
     must_settle: bool = True
+    least_noise_scale: float = 0.02
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -154,9 +157,9 @@ class Adjustment:
         return float(np.sqrt(self.weights @ np.square(self.residuals).sum(axis=1) / self.weights.sum()))
 
     def rig_calibration(
-        self, identity: str, rig: str, side: Side, vehicle_from_rig: RigidTransform, *, measured: bool = False
+        self, identity: str, rig: str, side: Side, vehicle_from_rig: RigidTransform
     ) -> RigCalibration:
-        """Return the value that the measurement uses.
+        """Return the value that the measurement uses; where the rig is in the vehicle is not measured here.
 
         Raises
         ------
@@ -164,7 +167,7 @@ class Adjustment:
             When a head lacks one of its cameras.
         """
         return as_rig_calibration(
-            self.data, self.cameras, self.covariance, identity, rig, side, vehicle_from_rig, measured=measured
+            self.data, self.cameras, self.covariance, identity, rig, side, vehicle_from_rig
         )
 
 
@@ -176,8 +179,6 @@ def as_rig_calibration(
     rig: str,
     side: Side,
     vehicle_from_rig: RigidTransform,
-    *,
-    measured: bool = False,
 ) -> RigCalibration:
     """Gather the cameras of `data` to a `RigCalibration`; errors as `Adjustment.rig_calibration`."""
     expected = tuple((head, each) for head in data.heads for each in ("left", "right"))
@@ -188,7 +189,7 @@ def as_rig_calibration(
             seen=", ".join(" ".join(key) for key in data.cameras),
         )
     heads = tuple(HeadCalibration(name, cameras[name, "left"], cameras[name, "right"]) for name in data.heads)
-    return RigCalibration(identity, rig, side, heads, vehicle_from_rig, measured, covariance)
+    return RigCalibration(identity, rig, side, heads, vehicle_from_rig, covariance=covariance)
 
 
 def adjust(
@@ -258,7 +259,7 @@ def solve(problem: Problem, state: State, settings: AdjustmentSettings) -> Solut
     """
     cameras = len(problem.data.cameras)
     state, at, weights, taken = minimise(problem, state, settings, None)
-    scales = _median_scales(problem, at, cameras)
+    scales = _median_scales(problem, at, settings)
     redundancy = np.zeros(cameras)
     for _ in range(_SCALE_ROUNDS):
         weights = robust_weights(problem, at, scales, settings.outlier_sigma)
@@ -267,7 +268,7 @@ def solve(problem: Problem, state: State, settings: AdjustmentSettings) -> Solut
         taken_up = leverages(problem, at, weights / scales[problem.camera] ** 2, reduced, covariance)
         redundancy = np.bincount(problem.camera, 2.0 * weights - taken_up, cameras).astype(np.float64)
         squares = np.bincount(problem.camera, weights * np.square(at.residuals).sum(axis=1), cameras)
-        scales = np.maximum(np.sqrt(squares / np.maximum(redundancy, 1.0)), _LEAST_SCALE)
+        scales = np.maximum(np.sqrt(squares / np.maximum(redundancy, 1.0)), settings.least_noise_scale)
         state, at, weights, more = minimise(problem, state, settings, scales)
         taken += more
     reduced = normal_equations(problem, state, at, weights / scales[problem.camera] ** 2)
@@ -301,7 +302,6 @@ def minimise(
     DegenerateInputError
         When the unknowns are not determined, or the iteration does not end.
     """
-    cameras = len(problem.data.cameras)
     at = linearise(problem, state)
     if at is None:
         raise DegenerateInputError(
@@ -313,7 +313,7 @@ def minimise(
     damping, lost, cost = 1e-6, np.inf, 0.0
     enough = _SETTLED if scales is None else _CONVERGED
     for taken in range(settings.iterations):
-        here = _median_scales(problem, at, cameras) if scales is None else scales
+        here = _median_scales(problem, at, settings) if scales is None else scales
         robust = robust_weights(problem, at, here, settings.outlier_sigma)
         weight = robust / here[problem.camera] ** 2
         reduced = normal_equations(problem, state, at, weight)
@@ -350,12 +350,12 @@ def _cost(problem: Problem, state: State, at: Linearised, weight: Array) -> floa
     return float(weight @ np.square(at.residuals).sum(axis=1)) + prior_cost(problem, state)
 
 
-def _median_scales(problem: Problem, at: Linearised, cameras: int) -> Array:
+def _median_scales(problem: Problem, at: Linearised, settings: AdjustmentSettings) -> Array:
     squares = np.square(at.residuals).sum(axis=1)
-    scales = np.ones(cameras)
+    scales = np.ones(len(problem.data.cameras))
     for k in np.unique(problem.camera):
         scales[k] = np.sqrt(np.median(squares[problem.camera == k]) / _MEDIAN_OF_TWO)
-    out: Array = np.maximum(scales, _LEAST_SCALE)
+    out: Array = np.maximum(scales, settings.least_noise_scale)
     return out
 
 

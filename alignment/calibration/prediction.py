@@ -59,6 +59,8 @@ def predict_angle_uncertainty(
 ) -> tuple[float, float]:
     """Standard uncertainties (camber, toe), radians, that come from the calibration alone.
 
+    The pose of the rig in the vehicle counts where it was measured; a nominal one is taken as it is.
+
     Raises
     ------
     DegenerateInputError
@@ -77,7 +79,7 @@ def angle_covariance(calibration: RigCalibration, wheel: NominalWheel | None = N
 
 
 def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
-    """(2, P) change of measured (camber, toe) per change of each camera parameter.
+    """(2, P) change of measured (camber, toe) per change of each parameter of `parameter_names`.
 
     A wheel point is where the ray of a left pixel meets the right light line, so it moves along the left ray
     with the right camera's errors along the epipolar line, and with the left ray itself. To the points of all
@@ -111,6 +113,9 @@ def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = 
     # Least norm: where the sidewall is flat, the axis' place has no effect and no value.
     solution = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=1e-12)[0]
     normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
+    if calibration.vehicle_from_rig_measured:
+        # A turn ω of the rig takes its z axis to ω × z.
+        normal_change[:, -6:-3] = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     turn = calibration.vehicle_from_rig.rotation
     nominal = turn @ np.array([0.0, 0.0, 1.0])
     out: Array = camber_toe_jacobian(nominal, calibration.side) @ turn @ normal_change

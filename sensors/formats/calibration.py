@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike
 from pathlib import Path
@@ -88,13 +89,15 @@ class HeadEntry(StrictModel):
 
 
 class Covariance(StrictModel):
-    """Joint covariance of all camera parameters."""
+    """Joint covariance of all camera parameters, and of the rig's measured pose in the vehicle."""
 
     parameters: tuple[str, ...] = Field(
         min_length=1,
         max_length=1000,
         description="Names of the rows. For each head, left then right: rx ry rz (radians, about the "
-        "camera's own axes), cx_mm cy_mm cz_mm (centre in the rig frame), fx fy cx cy, then the coefficients",
+        "camera's own axes), cx_mm cy_mm cz_mm (centre in the rig frame), fx fy cx cy, then the "
+        "coefficients. At last, where it was measured, vehicle_from_rig: rx ry rz (about the rig's axes), "
+        "x_mm y_mm z_mm",
     )
     matrix: tuple[tuple[Annotated[float, Field(ge=-1e12, le=1e12)], ...], ...] = Field(
         min_length=1, max_length=1000, description="Symmetric, one row and one column for each parameter"
@@ -142,7 +145,7 @@ class CalibrationFile(StrictModel):
         min_length=1, max_length=16, description="The stereo heads, in the order of the shots"
     )
     covariance: Covariance | None = Field(
-        default=None, description="Joint covariance of all camera parameters, null where it is not known"
+        default=None, description="Joint covariance of all parameters, null where it is not known"
     )
 
     @model_validator(mode="after")
@@ -151,17 +154,17 @@ class CalibrationFile(StrictModel):
         if len(set(names)) < len(names):
             raise DegenerateInputError(field="heads", expected="heads with different names", seen=str(names))
         calibration = self.calibration()
-        if self.covariance is not None and self.covariance.parameters != calibration.parameter_names:
-            pairs = zip(self.covariance.parameters, calibration.parameter_names, strict=True)
-            index, (seen, expected) = next((i, p) for i, p in enumerate(pairs) if p[0] != p[1])
-            raise DegenerateInputError(
-                field=f"covariance.parameters[{index}]", expected=f"'{expected}'", seen=f"'{seen}'"
-            )
+        stated = () if self.covariance is None else self.covariance.parameters
+        for index, (seen, expected) in enumerate(zip(stated, calibration.parameter_names, strict=False)):
+            if seen != expected:
+                raise DegenerateInputError(
+                    field=f"covariance.parameters[{index}]", expected=f"'{expected}'", seen=f"'{seen}'"
+                )
         return self
 
     def calibration(self) -> RigCalibration:
         """Return the value that the mathematics uses."""
-        return RigCalibration(
+        known = RigCalibration(
             id=self.id,
             rig=self.rig,
             side=self.side,
@@ -171,8 +174,14 @@ class CalibrationFile(StrictModel):
             ),
             vehicle_from_rig=self.vehicle_from_rig.transform(),
             vehicle_from_rig_measured=self.vehicle_from_rig.measured,
-            covariance=None if self.covariance is None else np.array(self.covariance.matrix),
         )
+        if self.covariance is None:
+            return known
+        covariance = np.array(self.covariance.matrix)
+        if len(covariance) == len(known.camera_parameter_names):
+            # A measured pose whose rows are left out is taken as exact.
+            covariance = np.pad(covariance, (0, len(known.parameter_names) - len(covariance)))
+        return replace(known, covariance=covariance)
 
 
 def read_calibration_file(path: str | PathLike[str]) -> CalibrationFile:

@@ -98,6 +98,30 @@ def test_a_calibration_reads_back_to_the_last_bit(calibration_file):
             assert (x.rig_from_camera.translation == y.rig_from_camera.translation).all()
 
 
+def test_a_measured_pose_of_the_rig_has_its_rows_in_the_covariance(tmp_path):
+    bare = calibration(covariance=False)
+    size = len(bare.parameter_names)
+    covariance = np.diag(np.arange(1.0, size + 7.0))
+    wrote = replace(bare, vehicle_from_rig_measured=True, covariance=covariance)
+    path = tmp_path / "c.json"
+    write_calibration(path, wrote, method="gauge", created_utc=datetime(2026, 3, 1, tzinfo=UTC))
+    read = read_calibration(path)
+    assert read.parameter_names[-6:] == tuple(
+        f"vehicle_from_rig.{name}" for name in ("rx", "ry", "rz", "x_mm", "y_mm", "z_mm")
+    )
+    assert (read.covariance == covariance).all()
+
+    # A file that leaves these rows out takes the pose as exact.
+    data = json.loads(path.read_text())
+    data["covariance"]["parameters"] = data["covariance"]["parameters"][:-6]
+    data["covariance"]["matrix"] = [row[:-6] for row in data["covariance"]["matrix"][:-6]]
+    path.write_text(json.dumps(data))
+    exact = read_calibration(path).covariance
+    assert (exact[:size, :size] == covariance[:size, :size]).all()
+    assert (exact[size:] == 0.0).all()
+    assert (exact[:, size:] == 0.0).all()
+
+
 def test_a_calibration_file_says_when_and_how_it_was_made(tmp_path):
     path = tmp_path / "made" / "on the way" / "c.json"
     noon_in_berlin = datetime(2026, 3, 1, 13, 0, tzinfo=timezone(timedelta(hours=1)))

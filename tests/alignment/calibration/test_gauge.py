@@ -1,0 +1,201 @@
+"""Rigs are put into the vehicle by what they see of a certified plate, with an honest uncertainty."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from alignment.calibration.adjustment import adjust
+from alignment.calibration.gate import ARCMIN
+from alignment.calibration.gauge import (
+    CertifiedPlate,
+    PlacedRig,
+    PlacingLimits,
+    judge_placing,
+    place_rig,
+    predicted_u95,
+    transfer_u95,
+)
+from alignment.calibration.observations import CalibrationInput, PlateView
+from alignment.calibration.prediction import NominalWheel, wheel_points
+from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
+from alignment.geometry.transforms import RigidTransform
+from alignment.values import RigCalibration, nominal_vehicle_from_rig
+from sensors.simulation.rigs import RIG_SPECS, build_rig
+from station.studies.covariance import measured_angles
+from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+
+PLACE = nominal_vehicle_from_rig("left").perturbed(
+    np.array([4e-3, -6e-3, 3e-3]), np.array([1350.0, 800.0, 0.0])
+)
+CERTIFICATE = CertifiedPlate(
+    nominal_vehicle_from_rig("left").perturbed(np.zeros(3), np.array([1352.0, 803.0, 4.0])),
+    0.02,
+    0.05 * ARCMIN,
+)
+EXACT = ViewErrors(pixel=0.0, mark_mm=0.0, flatness_mm=0.0, stage_mm=0.0)
+
+
+@cache
+def true_rig() -> RigCalibration:
+    """A rig as it stands in the vehicle, its cameras hardly uncertain."""
+    built = build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(3))
+    exact = 1e-18 * np.eye(len(built.parameter_names))
+    return replace(built, vehicle_from_rig=PLACE, covariance=exact)
+
+
+def known_rig() -> RigCalibration:
+    """The same as calibrated: the cameras, and the rig where it was planned."""
+    return replace(true_rig(), vehicle_from_rig=nominal_vehicle_from_rig("left"))
+
+
+def seen_plate(
+    rng: np.random.Generator, errors: ViewErrors | None, plate: RigidTransform
+) -> CalibrationInput:
+    """What the true cameras see of the gauge plate that stands there in the vehicle."""
+    pose = PLACE.inverse() @ plate
+    return observe(cameras_of(true_rig()), square_plate(), [pose], rng, errors, corrected=False).data
+
+
+def placed(errors: ViewErrors | None = None) -> PlacedRig:
+    data = seen_plate(np.random.default_rng(5), errors, CERTIFICATE.vehicle_from_plate)
+    return place_rig(data, known_rig(), CERTIFICATE)
+
+
+def error_of(found: PlacedRig, certified: RigidTransform | None = None) -> np.ndarray:
+    pose = found.calibration.vehicle_from_rig
+    if certified is not None:
+        pose = certified @ found.rig_from_plate.inverse()
+    return np.concatenate([(PLACE.inverse() @ pose).rotvec(), pose.translation - PLACE.translation])
+
+
+def test_an_exact_view_gives_the_exact_pose() -> None:
+    found = placed(EXACT)
+    np.testing.assert_allclose(error_of(found), 0.0, atol=1e-7)
+    assert found.calibration.vehicle_from_rig_measured
+    assert found.outliers == 0.0
+    assert found.camber_change == pytest.approx(4e-3, rel=0.02)
+    assert found.toe_change == pytest.approx(6e-3, rel=0.02)
+    assert judge_placing(found) is None
+
+
+def test_what_a_changed_plate_pose_does_is_what_the_covariance_assumes() -> None:
+    """The certificate's share: every pose of the plate in turn moved by its standard uncertainty."""
+    found = placed(EXACT)
+    certified = CERTIFICATE.vehicle_from_plate
+    rig_from_plate = found.rig_from_plate
+    total = np.zeros((6, 6))
+    for k, size in enumerate([CERTIFICATE.angle_sigma] * 3 + [CERTIFICATE.position_sigma_mm] * 3):
+        step = np.zeros(6)
+        step[k] = size
+        ahead, behind = (
+            certified.perturbed(sign * step[:3], sign * step[3:]) @ rig_from_plate.inverse()
+            for sign in (1.0, -1.0)
+        )
+        change = np.concatenate([(behind.inverse() @ ahead).rotvec(), ahead.translation - behind.translation])
+        total += np.outer(change, change) / 4.0
+    of_certificate = found.pose_covariance - found.transfer_covariance
+    np.testing.assert_allclose(of_certificate, total, rtol=1e-3, atol=1e-15)
+
+
+def test_errors_of_poses_are_inside_their_covariance() -> None:
+    true, ratios, angles = known_rig(), [], []
+    for k in range(40):
+        rng = np.random.default_rng([9, k])
+        off = rng.normal(0.0, CERTIFICATE.angle_sigma, 3), rng.normal(0.0, CERTIFICATE.position_sigma_mm, 3)
+        stands = CERTIFICATE.vehicle_from_plate.perturbed(*off)
+        found = place_rig(seen_plate(rng, None, stands), true, CERTIFICATE)
+        ratios.append(error_of(found) / np.sqrt(np.diag(found.pose_covariance)))
+        angles.append(error_of(found, stands)[:2])
+    rms = np.sqrt(np.square(ratios).mean(axis=0))
+    assert (rms > 0.7).all(), rms
+    assert (rms < 1.3).all(), rms
+    transfer = np.sqrt(np.square(angles).mean()) / ARCMIN
+    assert transfer < 0.035, transfer
+    assert transfer_u95(found) / ARCMIN == pytest.approx(2.0 * transfer, rel=0.3)
+
+
+def test_angles_of_calibrated_and_placed_rigs_are_inside_their_prediction() -> None:
+    """The calibration's errors enter through the plate and through the wheel, and partly cancel."""
+    true = true_rig()
+    seen = [
+        (head.left.project(points), head.right.project(points))
+        for head, points in ((head, wheel_points(head, NominalWheel())) for head in true.heads)
+    ]
+    truth = measured_angles(true, seen)
+    errors, predicted = [], []
+    for k in range(14):
+        rng = np.random.default_rng([11, k])
+        views = observe(cameras_of(true), square_plate(), STAGES[:5], rng).data
+        known = adjust(views).rig_calibration("plate", true.rig, true.side, nominal_vehicle_from_rig("left"))
+        stands = CERTIFICATE.vehicle_from_plate.perturbed(
+            rng.normal(0.0, CERTIFICATE.angle_sigma, 3), rng.normal(0.0, CERTIFICATE.position_sigma_mm, 3)
+        )
+        found = place_rig(seen_plate(rng, None, stands), known, CERTIFICATE)
+        errors.append(np.subtract(measured_angles(found.calibration, seen), truth))
+        u95 = predicted_u95(found)
+        assert u95 is not None
+        predicted.append(np.array(u95) / 2.0)
+    ratio = np.sqrt(np.square(errors).mean() / np.square(predicted).mean())
+    assert 0.7 < ratio < 1.4, ratio
+    assert np.sqrt(np.square(predicted).mean()) / ARCMIN < 0.08
+
+
+def test_a_calibration_without_covariance_is_placed_without_prediction() -> None:
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    found = place_rig(data, replace(known_rig(), covariance=None), CERTIFICATE)
+    assert found.calibration.covariance is None
+    assert predicted_u95(found) is None
+    assert 0.0 < transfer_u95(found) < 0.1 * ARCMIN
+
+
+def test_a_rig_is_placed_anew_from_its_placed_calibration() -> None:
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    first = place_rig(data, known_rig(), CERTIFICATE)
+    again = place_rig(data, first.calibration, CERTIFICATE)
+    assert again.camber_change == again.toe_change == 0.0
+    np.testing.assert_allclose(again.calibration.covariance, first.calibration.covariance, rtol=1e-9)
+
+
+def test_a_camera_that_was_knocked_is_named() -> None:
+    known = known_rig()
+    head = known.heads[1]
+    pose = head.right.rig_from_camera.perturbed(np.array([1e-3, 0.0, 0.0]), np.zeros(3))
+    heads = (known.heads[0], replace(head, right=PosedCamera(head.right.model, pose)), known.heads[2])
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    said = judge_placing(place_rig(data, replace(known, heads=heads), CERTIFICATE))
+    assert said is not None
+    assert "head_2" in said
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        (PlacingLimits(marks=1000), "at least 1000"),
+        (PlacingLimits(turn_from_nominal=math.radians(0.1)), "turned by 0.4°"),
+        (PlacingLimits(outliers=-1.0), "do not fit"),
+        (PlacingLimits(noise_scale=0.5), "times the noise"),
+        (PlacingLimits(transfer_u95=0.001 * ARCMIN), "uncertain by"),
+    ],
+)
+def test_each_limit_refuses_with_its_sentence(limits: PlacingLimits, expected: str) -> None:
+    said = judge_placing(placed(), limits)
+    assert said is not None
+    assert expected in said
+
+
+def test_views_that_are_no_gauge_view_are_refused() -> None:
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    (view,) = data.views
+    staged = replace(data, views=(replace(view, stage_mm=np.zeros(3)),))
+    with pytest.raises(DegenerateInputError, match="stage position null"):
+        place_rig(staged, known_rig(), CERTIFICATE)
+    with pytest.raises(DegenerateInputError, match="one view"):
+        place_rig(replace(data, views=(view, view)), known_rig(), CERTIFICATE)
+    with pytest.raises(DegenerateInputError, match="marks of the gauge plate"):
+        place_rig(replace(data, views=(PlateView("empty", None, {}),)), known_rig(), CERTIFICATE)
+    with pytest.raises(DegenerateInputError, match="cameras of calibration"):
+        place_rig(data, known_rig().without_head(0), CERTIFICATE)
