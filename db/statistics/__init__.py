@@ -1,0 +1,5 @@
+"""Quality statistics: capability, control charts, gauge studies, uncertainty budgets.
+
+Pure functions: numbers in, frozen values out; no database, no files, no clock, no units of their own. What
+goes in as degrees comes out as degrees.
+"""

@@ -1,0 +1,182 @@
+"""Bias over the measuring range: a line through the errors of several masters.
+
+Source: AIAG, Measurement Systems Analysis, 4th edition, chapter III, sections on bias and linearity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from alignment.errors import DegenerateInputError
+from db.statistics.moments import as_values, moments
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BiasResult:
+    """Bias at one reference value.
+
+    Attributes
+    ----------
+    reference, n, mean, deviation
+        Certified value; repetitions, their mean and standard deviation.
+    low, high
+        Confidence limits of the bias.
+    t, p
+        Test of no bias; None when nothing varied.
+    """
+
+    reference: float
+    n: int
+    mean: float
+    deviation: float
+    low: float
+    high: float
+    t: float | None
+    p: float | None
+
+    @property
+    def bias(self) -> float:
+        """Mean less reference."""
+        return self.mean - self.reference
+
+    @property
+    def significant(self) -> bool:
+        """Whether zero lies outside the confidence limits."""
+        return not self.low <= 0.0 <= self.high
+
+
+@dataclass(frozen=True)
+class LinearityResult:
+    """The line bias = intercept + slope · reference.
+
+    Attributes
+    ----------
+    biases
+        At each reference value, in rising order.
+    slope, intercept, residual_deviation, r_squared
+        Of the line through all single errors.
+    slope_t, slope_p, intercept_t, intercept_p
+        Tests of zero; None when all errors lie on the line.
+    confidence
+        Of the band and of the biases' limits.
+    df, reference_mean, reference_squares
+        Degrees of freedom of the line, mean and squared deviations of the references: what the band needs.
+    """
+
+    biases: tuple[BiasResult, ...]
+    slope: float
+    intercept: float
+    residual_deviation: float
+    r_squared: float
+    slope_t: float | None
+    slope_p: float | None
+    intercept_t: float | None
+    intercept_p: float | None
+    confidence: float
+    n: int
+    reference_mean: float
+    reference_squares: float
+
+    def band(self, reference: Array) -> tuple[Array, Array]:
+        """Lower and upper confidence limit of the mean bias at (K,) reference values."""
+        at = self.intercept + self.slope * reference
+        away = np.square(reference - self.reference_mean) / self.reference_squares
+        t = stats.t.ppf(0.5 + self.confidence / 2, self.n - 2)
+        half = t * self.residual_deviation * np.sqrt(1.0 / self.n + away)
+        return at - half, at + half
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether the line of zero bias lies within the band over the whole range (AIAG)."""
+        low, high = self.band(np.array([bias.reference for bias in self.biases]))
+        return bool(((low <= 0.0) & (high >= 0.0)).all())
+
+    def percent_linearity(self) -> float:
+        """Size of the slope in percent: change of the bias over the change of the value."""
+        return 100.0 * abs(self.slope)
+
+
+def bias(values: Sequence[float] | Array, reference: float, confidence: float = 0.95) -> BiasResult:
+    """Bias of (N,) repetitions on one master.
+
+    Raises
+    ------
+    DegenerateInputError
+        For fewer than two values.
+    """
+    found = moments(values)
+    s = found.deviation
+    error = s / math.sqrt(found.n)
+    away = found.mean - reference
+    half = float(stats.t.ppf(0.5 + confidence / 2, found.n - 1)) * error
+    t = away / error if s > 0.0 else None
+    return BiasResult(
+        reference,
+        found.n,
+        found.mean,
+        s,
+        away - half,
+        away + half,
+        t,
+        None if t is None else float(2 * stats.t.sf(abs(t), found.n - 1)),
+    )
+
+
+def linearity(
+    values: Sequence[float] | Array, references: Sequence[float] | Array, confidence: float = 0.95
+) -> LinearityResult:
+    """Fit the line to (N,) values of masters with (N,) certified values.
+
+    Raises
+    ------
+    DegenerateInputError
+        For fewer than two masters, or a master measured only once.
+    """
+    y, x = as_values(values), as_values(references)
+    if len(y) != len(x):
+        raise DegenerateInputError(expected=f"{len(y)} reference values", seen=str(len(x)))
+    levels = np.unique(x)
+    if len(levels) < 2:
+        raise DegenerateInputError(
+            expected="masters of at least 2 certified values", seen=str(len(levels)), cure="5 are usual"
+        )
+    biases = tuple(bias(y[x == level], float(level), confidence) for level in levels)
+    error = y - x
+    n = len(y)
+    mean, middle = moments(x).mean, moments(error).mean
+    dx, dy = x - mean, error - middle
+    sxx = math.fsum(np.square(dx))
+    slope = math.fsum(dx * dy) / sxx
+    intercept = middle - slope * mean
+    rest = math.fsum(np.square(dy - slope * dx))
+    total = math.fsum(np.square(dy))
+    s = math.sqrt(rest / (n - 2))
+    slope_t = slope / (s / math.sqrt(sxx)) if s > 0.0 else None
+    intercept_t = intercept / (s * math.sqrt(1.0 / n + mean**2 / sxx)) if s > 0.0 else None
+    return LinearityResult(
+        biases,
+        slope,
+        intercept,
+        s,
+        1.0 - rest / total if total > 0.0 else 1.0,
+        slope_t,
+        _p(slope_t, n - 2),
+        intercept_t,
+        _p(intercept_t, n - 2),
+        confidence,
+        n,
+        mean,
+        sxx,
+    )
+
+
+def _p(t: float | None, df: int) -> float | None:
+    return None if t is None else float(2 * stats.t.sf(abs(t), df))

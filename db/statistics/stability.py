@@ -1,0 +1,107 @@
+"""Stability of a gauge: the same master over weeks, on a control chart, and as a drift.
+
+Source: AIAG, Measurement Systems Analysis, 4th edition, chapter III, section on stability.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from alignment.errors import DegenerateInputError
+from db.statistics.charts import ChartKind, ControlChart, control_chart
+from db.statistics.linearity import BiasResult, bias
+from db.statistics.moments import as_values, moments
+from db.statistics.rules import RuleSet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityResult:
+    """What the repeated master says.
+
+    Attributes
+    ----------
+    chart
+        Control chart of the values in their order.
+    deviation
+        Standard deviation of all values: the gauge's contribution over the time of the study.
+    drift
+        Change per day; None without times or for values of one instant.
+    drift_p
+        Chance probability of such a drift of a stable gauge.
+    bias
+        Against the certified value, when there is one.
+    """
+
+    chart: ControlChart
+    deviation: float
+    drift: float | None
+    drift_p: float | None
+    bias: BiasResult | None
+
+
+def stability(
+    values: ArrayLike,
+    times_s: ArrayLike | None = None,
+    *,
+    size: int = 1,
+    reference: float | None = None,
+    kind: ChartKind = ChartKind.XBAR_R,
+    rules: RuleSet = RuleSet.WESTERN_ELECTRIC,
+) -> StabilityResult:
+    """Judge (N,) values of one master, in the order of time.
+
+    Parameters
+    ----------
+    times_s
+        (N,) seconds since any origin.
+    size
+        Values taken together; 1 makes a chart of single values whatever `kind` says.
+
+    Raises
+    ------
+    DegenerateInputError
+        For fewer than three values, or times of another number.
+    """
+    found = as_values(values)
+    if len(found) < 3:
+        raise DegenerateInputError(expected="at least 3 values", seen=str(len(found)), cure="20 are usual")
+    chart = control_chart(ChartKind.INDIVIDUALS if size == 1 else kind, found, rules, size=size)
+    drift, drift_p = (None, None) if times_s is None else drift_of(found, as_values(times_s) / 86_400.0)
+    return StabilityResult(
+        chart,
+        moments(found).deviation,
+        drift,
+        drift_p,
+        None if reference is None else bias(found, reference),
+    )
+
+
+def drift_of(values: ArrayLike, at: ArrayLike) -> tuple[float | None, float | None]:
+    """Slope of (N,) values over (N,) abscissae, and the chance probability of one as steep.
+
+    None for both where all abscissae are equal or there are fewer than three; p is None on a perfect line.
+
+    Raises
+    ------
+    DegenerateInputError
+        For different numbers of both.
+    """
+    y, x = as_values(values), as_values(at)
+    if len(y) != len(x):
+        raise DegenerateInputError(expected=f"{len(y)} times", seen=str(len(x)))
+    if len(y) < 3 or not np.ptp(x) > 0.0:
+        return None, None
+    dx, dy = x - moments(x).mean, y - moments(y).mean
+    sxx = math.fsum(np.square(dx))
+    slope = math.fsum(dx * dy) / sxx
+    rest = math.fsum(np.square(dy - slope * dx)) / (len(y) - 2)
+    if not rest > 0.0:
+        return slope, None
+    return slope, float(2 * stats.t.sf(abs(slope) / math.sqrt(rest / sxx), len(y) - 2))
