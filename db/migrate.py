@@ -13,6 +13,7 @@ from sqlalchemy import URL, Connection, inspect, text
 from alignment.errors import StoreSchemaError, StoreUnavailableError
 from db.engine import describe, make_engine, parse_url
 from db.failures import store_errors
+from db.partitions import ensure_partitions
 
 # An arbitrary number that all Truewheel programs share: only one at a time migrates a PostgreSQL database.
 _MIGRATION_LOCK = 7_206_155_014
@@ -92,6 +93,8 @@ def upgrade(connection: Connection, where: str, revision: str | None = None) -> 
         config = _config()
         config.attributes["connection"] = connection
         command.upgrade(config, target)
+    if target == known[-1]:
+        ensure_partitions(connection)
     return target
 
 

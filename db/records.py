@@ -75,17 +75,19 @@ class CheckOutcome(enum.StrEnum):
     OUT = "out"
 
 
-def _check_values(record: Any) -> None:
+def check_text(name: str, text: str) -> None:
+    """Refuse text that no database stores: PostgreSQL takes no NUL, and neither takes a lone surrogate."""
+    if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
+        raise InputError(field=name, expected="text without NUL and lone surrogates", seen=ascii(text))
+
+
+def check_values(record: Any) -> None:
     """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
     for item in fields(record):
         value = getattr(record, item.name)
         name = f"{type(record).__name__}.{item.name}"
         if isinstance(value, str):
-            # PostgreSQL stores no NUL, and neither database a lone surrogate.
-            if "\0" in value or any("\ud800" <= character <= "\udfff" for character in value):
-                raise InputError(
-                    field=name, expected="text without NUL and lone surrogates", seen=ascii(value)
-                )
+            check_text(name, value)
         elif isinstance(value, float):
             # SQLite turns NaN into NULL without a word.
             if not math.isfinite(value):
@@ -105,7 +107,7 @@ def _is_container(value: object) -> bool:
     return isinstance(value, (tuple, Mapping)) or is_dataclass(value)
 
 
-def _as_read_back(name: str, document: Mapping[str, Any]) -> Any:
+def as_read_back(name: str, document: Mapping[str, Any]) -> Any:
     """The JSON document as the database gives it back: lists for tuples, text for every key."""
     try:
         return json.loads(json.dumps(document, allow_nan=False))
@@ -121,7 +123,7 @@ class VehicleRecord:
     vehicle_type: str
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ class WheelRecord:
     duration_s: float | None = None
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -205,7 +207,7 @@ class AxleRecord:
     coverage_factor: float | None = None
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -227,7 +229,7 @@ class VehicleAnglesRecord:
     coverage_factor: float | None = None
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -275,7 +277,7 @@ class CycleRecord:
     vehicle_angles: VehicleAnglesRecord | None = None
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
         object.__setattr__(self, "wheels", tuple(sorted(self.wheels, key=lambda wheel: wheel.wheel)))
         object.__setattr__(self, "axles", tuple(sorted(self.axles, key=lambda axle: axle.axle)))
         for name, names in (
@@ -324,8 +326,8 @@ class CalibrationRecord:
     valid_until_utc: datetime | None = None
 
     def __post_init__(self) -> None:
-        _check_values(self)
-        object.__setattr__(self, "document", _as_read_back("CalibrationRecord.document", self.document))
+        check_values(self)
+        object.__setattr__(self, "document", as_read_back("CalibrationRecord.document", self.document))
 
 
 @dataclass(frozen=True)
@@ -359,11 +361,11 @@ class CalibrationCheckRecord:
     uuid: UUID = field(default_factory=uuid4)
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
         for name in ("as_found", "as_left"):
             figures = getattr(self, name)
             if figures is not None:
-                object.__setattr__(self, name, _as_read_back(f"CalibrationCheckRecord.{name}", figures))
+                object.__setattr__(self, name, as_read_back(f"CalibrationCheckRecord.{name}", figures))
 
 
 @dataclass(frozen=True)
@@ -406,7 +408,7 @@ class ZeroRecord:
     software_version: str
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -418,7 +420,7 @@ class ZeroRevocation:
     reason: str
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)
@@ -444,7 +446,7 @@ class EventRecord:
     uuid: UUID = field(default_factory=uuid4)
 
     def __post_init__(self) -> None:
-        _check_values(self)
+        check_values(self)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,16 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 from uuid import UUID, uuid4
 
+from db.quality_records import (
+    ArchivedShotRecord,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    RetentionClass,
+    StationRecord,
+    StudyKind,
+    VehicleTypeRecord,
+)
 from db.records import (
     AxleRecord,
     CalibrationCheckRecord,
@@ -141,3 +151,68 @@ def cycle(uuid: UUID | None = None, **changes: Any) -> CycleRecord:
         "vehicle_angles": ANGLES,
     }
     return CycleRecord(**(values | changes))
+
+
+def station(**changes: Any) -> StationRecord:
+    values: dict[str, Any] = {
+        "station": "EOL-1",
+        "plant": "Werk Süd",
+        "label": "Achsvermessung 1",
+        "valid_from_utc": NOON,
+        "software_version": "0.1.0",
+        "config_hash": "sha256:00",
+        "configuration": {"station": {"id": "EOL-1"}},
+        "rigs": WHEELS,
+    }
+    return StationRecord(**(values | changes))
+
+
+def limits(**changes: Any) -> VehicleTypeRecord:
+    values: dict[str, Any] = {
+        "station": "EOL-1",
+        "vehicle_type": "compact",
+        "valid_from_utc": NOON,
+        "guard_band": True,
+        "limits": {"front": {"toe": [-math.radians(0.2), math.radians(0.2)]}},
+    }
+    return VehicleTypeRecord(**(values | changes))
+
+
+def installation(**changes: Any) -> InstallationRecord:
+    values: dict[str, Any] = {
+        "station": "EOL-1",
+        "rig": "front_left",
+        "calibration_id": CALIBRATION.id,
+        "from_utc": NOON,
+    }
+    return InstallationRecord(**(values | changes))
+
+
+def study(**changes: Any) -> GaugeStudyRecord:
+    values: dict[str, Any] = {
+        "kind": StudyKind.GRR,
+        "name": "Abnahme 2026",
+        "created_utc": NOON,
+        "characteristic": "front_left.toe",
+        "plan": {"parts": 10, "trials": 3, "tolerance": math.radians(0.4)},
+        "software_version": "0.1.0",
+        "station": "EOL-1",
+        "comment": "nach Umbau",
+    }
+    return GaugeStudyRecord(**(values | changes))
+
+
+def study_value(study_uuid: UUID, **changes: Any) -> GaugeValueRecord:
+    values: dict[str, Any] = {"part": "1", "appraiser": "EOL-1", "trial": 1, "value": 1.25e-3, "utc": NOON}
+    return GaugeValueRecord(study_uuid, **(values | changes))
+
+
+def shot(cycle_uuid: UUID, **changes: Any) -> ArchivedShotRecord:
+    values: dict[str, Any] = {
+        "wheel": "front_left",
+        "path": "2026-11-22/0001",
+        "bytes": 18_000_000,
+        "archived_utc": NOON,
+        "retention": RetentionClass.ORDINARY,
+    }
+    return ArchivedShotRecord(cycle_uuid, **(values | changes))

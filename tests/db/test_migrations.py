@@ -48,11 +48,17 @@ def described(connection: Connection) -> dict[str, object]:
     }
 
 
+def is_no_partition(name: str | None, kind: str, _: object) -> bool:
+    return kind != "table" or not (name or "").startswith("wheel_results_")
+
+
 def test_migrations_build_exactly_the_schema_of_the_program(database_url: str) -> None:
     migrate(database_url)
     engine: Engine = make_engine(parse_url(database_url), timeout_s=5.0)
     with engine.connect() as connection:
-        context = MigrationContext.configure(connection, opts={"target_metadata": metadata})
+        context = MigrationContext.configure(
+            connection, opts={"target_metadata": metadata, "include_name": is_no_partition}
+        )
         assert compare_metadata(context, metadata) == []
         migrated = described(connection)
     run(database_url, *(f"DROP TABLE {table.name}" for table in reversed(metadata.sorted_tables)))

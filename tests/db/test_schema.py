@@ -12,20 +12,25 @@ from sqlalchemy import Connection, Engine, Table, inspect, text
 from sqlalchemy.exc import DBAPIError, IntegrityError
 
 from db.engine import make_engine, parse_url
+from db.quality_records import ArchiveRemoval
 from db.records import CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
+from db.rows import flat_values
 from db.schema import (
+    CHANGING,
+    arrivals,
     axle_results,
     calibration_checks,
     calibrations,
     cycles,
     metadata,
+    outbox,
     vehicle_results,
     vehicles,
     wheel_results,
     zero_measurements,
     zero_revocations,
 )
-from db.store import ResultStore, _flat_values
+from db.store import ResultStore
 from tests.db.example_records import (
     ANGLES,
     CALIBRATION,
@@ -33,13 +38,20 @@ from tests.db.example_records import (
     axle,
     check,
     cycle,
+    installation,
+    limits,
     refused_wheel,
     revocation,
+    shot,
+    station,
+    study,
+    study_value,
     wheel,
     zero,
 )
 
 TABLES = sorted(metadata.tables)
+KEPT = sorted(set(TABLES) - {table.name for table in CHANGING})
 
 
 @pytest.fixture(scope="module", params=["sqlite", "postgresql"])
@@ -55,9 +67,20 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_check(check())
             store.record_zero(zero())
             store.revoke_zero(revocation())
-            store.write_cycle(cycle())
+            measured = cycle()
+            store.write_cycle(measured)
+            store.describe_station(station(), (limits(),), (installation(),))
+            planned, kept = study(), shot(measured.uuid)
+            store.plan_study(planned)
+            store.record_study_values([study_value(planned.uuid)])
+            store.record_shot(kept)
+            store.remove_shot(ArchiveRemoval(kept.uuid, NOON, "the ring is full"))
             store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
         engine = make_engine(parse_url(url), timeout_s=5.0)
+        with engine.begin() as connection:
+            connection.execute(arrivals.insert().values(**ARRIVAL))
+            if request.param == "postgresql":
+                connection.execute(outbox.insert().values(kind="event", key="0"))
         yield engine
         engine.dispose()
 
@@ -70,8 +93,18 @@ def connection(engine: Engine) -> Iterator[Connection]:
         yield connection
 
 
+ARRIVAL = {
+    "origin": uuid4(),
+    "sequence": 1,
+    "kind": "event",
+    "key": "0",
+    "station": "EOL-1",
+    "arrived_utc": NOON,
+}
+
+
 def cycle_row(**changes: Any) -> dict[str, Any]:
-    return _flat_values(cycle()) | {"id": 99, "vehicle_id": 99, "stored_utc": NOON} | changes
+    return flat_values(cycle()) | {"id": 99, "vehicle_id": 99, "stored_utc": NOON} | changes
 
 
 def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None:
@@ -100,19 +133,19 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
         (wheel_results, "measured_is_complete", {name: None})
         for name in ("camber", "toe", "camber_u", "toe_u", "method", "calibration_id", "measured_utc")
     ],
-    (wheel_results, "unmeasured_has_no_verdict", _flat_values(refused_wheel(verdict=Verdict.NOK))),
+    (wheel_results, "unmeasured_has_no_verdict", flat_values(refused_wheel(verdict=Verdict.NOK))),
     (
         wheel_results,
         "unmeasured_has_no_verdict",
-        _flat_values(refused_wheel(verdict=Verdict.NOK, outcome=WheelOutcome.FAULT)),
+        flat_values(refused_wheel(verdict=Verdict.NOK, outcome=WheelOutcome.FAULT)),
     ),
-    (wheel_results, "unmeasured_has_no_angles", _flat_values(refused_wheel(toe=0.0))),
+    (wheel_results, "unmeasured_has_no_angles", flat_values(refused_wheel(toe=0.0))),
     (
         wheel_results,
         "unmeasured_has_reason",
-        _flat_values(refused_wheel(reason_code=None, reason_text=None)),
+        flat_values(refused_wheel(reason_code=None, reason_text=None)),
     ),
-    (wheel_results, "reason_in_words", _flat_values(refused_wheel(reason_text=None))),
+    (wheel_results, "reason_in_words", flat_values(refused_wheel(reason_text=None))),
     (wheel_results, "ok_has_no_reason", {"reason_code": "toe_high", "reason_text": "toe too high"}),
     (wheel_results, "verdict_is_explained", {"guard_band": None}),
     (wheel_results, "verdict_is_explained", {"coverage_factor": None}),
@@ -160,13 +193,13 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
 ]
 COMPLETE: dict[Table, dict[str, Any]] = {
     cycles: cycle_row(),
-    wheel_results: _flat_values(wheel()),
-    axle_results: _flat_values(axle()),
-    vehicle_results: _flat_values(ANGLES),
-    calibrations: _flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
-    calibration_checks: _flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
-    zero_measurements: _flat_values(zero("zero-2")) | {"stored_utc": NOON},
-    zero_revocations: _flat_values(revocation("zero-2")) | {"stored_utc": NOON},
+    wheel_results: flat_values(wheel()),
+    axle_results: flat_values(axle()),
+    vehicle_results: flat_values(ANGLES),
+    calibrations: flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
+    calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
+    zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},
+    zero_revocations: flat_values(revocation("zero-2")) | {"stored_utc": NOON},
     vehicles: {},
 }
 
@@ -204,7 +237,7 @@ def test_an_unknown_outcome_is_refused(connection: Connection) -> None:
 
 
 @pytest.mark.parametrize("change", ["UPDATE {} SET {} = {}", "DELETE FROM {}"], ids=["update", "delete"])
-@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("table", KEPT)
 def test_what_is_stored_is_never_changed(engine: Engine, table: str, change: str) -> None:
     column = next(iter(metadata.tables[table].c)).name
     with pytest.raises(DBAPIError, match="never changed or deleted"), engine.begin() as connection:

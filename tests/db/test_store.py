@@ -54,17 +54,13 @@ def test_a_good_vehicle_reads_back_equal_with_its_commit_time(
     assert stored.stored_utc == NOON + timedelta(minutes=1)
     assert stored.stored_utc.tzinfo is UTC
     assert [type(w.outcome) for w in stored.record.wheels] == [WheelOutcome] * 4
-    assert store.counts() == {
+    assert {name: count for name, count in store.counts().items() if count} == {
         "vehicles": 1,
         "cycles": 1,
         "wheel_results": 4,
         "axle_results": 2,
         "vehicle_results": 1,
         "calibrations": 1,
-        "calibration_checks": 0,
-        "events": 0,
-        "zero_measurements": 0,
-        "zero_revocations": 0,
     }
 
 
@@ -171,7 +167,7 @@ def test_a_clock_set_back_during_a_cycle_does_not_lose_it(store: ResultStore) ->
 def test_more_cycles_than_a_statement_takes_parameters(
     store: ResultStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(db.store, "_PORTION", 3)
+    monkeypatch.setattr(db.rows, "PORTION", 3)
     records = [cycle() for _ in range(7)]
     for record in records:
         store.write_cycle(record)

@@ -10,11 +10,11 @@ import pytest
 from alignment.errors import DegenerateInputError
 from db.statistics.budget import (
     Component,
-    Contribution,
     bias_uncertainty,
     budget,
     resolution_uncertainty,
 )
+from db.statistics.choices import Contribution
 from db.statistics.linearity import bias, linearity
 from db.statistics.stability import drift_of, stability
 from db.statistics.type1 import type1

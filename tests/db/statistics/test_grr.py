@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
+from db.statistics.choices import GrrMethod
 from db.statistics.constants import d2_star
-from db.statistics.grr import GaugeData, GrrMethod, grr, range_components
+from db.statistics.grr import GaugeData, grr, range_components
 from db.statistics.moments import deviations
 
 

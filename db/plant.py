@@ -1,0 +1,46 @@
+"""What a station says of itself at its start, as far as it is new."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from sqlalchemy import Connection, Select
+
+from db.quality_records import InstallationRecord, StationRecord, VehicleTypeRecord
+from db.rows import INSTALLATIONS, LIMITS, STATIONS, read_stations, record_of
+from db.schema import installations, rigs, station_versions, stations, vehicle_type_limits
+
+
+def changed(
+    connection: Connection,
+    station: StationRecord,
+    limits: Sequence[VehicleTypeRecord],
+    rigs_use: Sequence[InstallationRecord],
+) -> Iterator[StationRecord | VehicleTypeRecord | InstallationRecord]:
+    """The records that differ from the newest that are stored of the same station, type or rig."""
+    of_station = stations.c.name == station.station
+    known = read_stations(connection, _newest(STATIONS.where(of_station), station_versions))
+    if not known or _content(known[0]) != _content(station):
+        yield station
+    for limit in limits:
+        same = (stations.c.name == limit.station) & (vehicle_type_limits.c.vehicle_type == limit.vehicle_type)
+        row = connection.execute(_newest(LIMITS.where(same), vehicle_type_limits)).mappings().one_or_none()
+        if row is None or _content(record_of(VehicleTypeRecord, row)) != _content(limit):
+            yield limit
+    for use in rigs_use:
+        of_rig = (stations.c.name == use.station) & (rigs.c.name == use.rig)
+        row = connection.execute(_newest(INSTALLATIONS.where(of_rig), installations)).mappings().one_or_none()
+        if row is None or row["calibration_id"] != use.calibration_id:
+            yield use
+
+
+def _newest(query: Select[Any], table: Any) -> Select[Any]:
+    return query.order_by(table.c.id.desc()).limit(1)
+
+
+def _content(record: StationRecord | VehicleTypeRecord) -> tuple[object, ...]:
+    # What was true before does not become news by a new start.
+    if isinstance(record, StationRecord):
+        return record.plant, record.label, record.software_version, record.config_hash, record.configuration
+    return record.guard_band, record.limits

@@ -1,0 +1,241 @@
+"""Which results a question is about: values that a person may type, checked before any database sees them."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime, time, timedelta
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from sqlalchemy import Column, ColumnElement, Select, and_, false, or_, select
+
+from alignment.errors import InputError
+from db.records import Verdict, check_text
+from db.schema import cycles, plants, station_versions, stations, vehicles
+
+_LONGEST_SHIFT_PERIOD = timedelta(days=400)
+
+
+class Quantity(enum.StrEnum):
+    """The angles that are stored: of a wheel, of an axle, of the vehicle."""
+
+    CAMBER = "camber"
+    TOE = "toe"
+    TOTAL_TOE = "total_toe"
+    CAMBER_DIFFERENCE = "camber_difference"
+    THRUST_ANGLE = "thrust_angle"
+    FRONT_TOE_LEFT_TO_THRUST = "front_toe_left_to_thrust"
+    FRONT_TOE_RIGHT_TO_THRUST = "front_toe_right_to_thrust"
+
+
+VEHICLE_PART = "vehicle"
+OF_WHEEL = (Quantity.CAMBER, Quantity.TOE)
+OF_AXLE = (Quantity.TOTAL_TOE, Quantity.CAMBER_DIFFERENCE)
+OF_VEHICLE = (
+    Quantity.THRUST_ANGLE,
+    Quantity.FRONT_TOE_LEFT_TO_THRUST,
+    Quantity.FRONT_TOE_RIGHT_TO_THRUST,
+)
+
+
+@dataclass(frozen=True, order=True)
+class Characteristic:
+    """One angle of one part: ``front_left.toe``, ``rear.total_toe``, ``vehicle.thrust_angle``.
+
+    Attributes
+    ----------
+    part
+        A wheel for camber and toe, an axle for total toe and camber difference, else ``vehicle``.
+    """
+
+    part: str
+    quantity: Quantity
+
+    def __post_init__(self) -> None:
+        check_text("characteristic", self.part)
+
+    def __str__(self) -> str:
+        return f"{self.part}.{self.quantity}"
+
+    @classmethod
+    def parse(cls, text: str) -> Characteristic:
+        """Read ``part.quantity``.
+
+        Raises
+        ------
+        InputError
+            For an unknown quantity, or a text without a part.
+        """
+        part, _, quantity = text.rpartition(".")
+        if not part or quantity not in set(Quantity):
+            raise InputError(
+                field="characteristic",
+                expected=f"PART.QUANTITY, the quantity one of {', '.join(Quantity)}",
+                seen=ascii(text),
+            )
+        return cls(part, Quantity(quantity))
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A part of every day, by the plant's clock: ``Shift("late", time(14), time(22), "Europe/Berlin")``.
+
+    One that ends before it begins ends on the next day. A day begins with the shift that begins in it.
+
+    Raises
+    ------
+    InputError
+        For times with a zone of their own, a shift without a length, or an unknown time zone.
+    """
+
+    name: str
+    start: time
+    end: time
+    timezone: str = "UTC"
+
+    def __post_init__(self) -> None:
+        if self.start.tzinfo or self.end.tzinfo or self.start == self.end:
+            raise InputError(
+                field="shift", expected="two different times of day", seen=f"{self.start} to {self.end}"
+            )
+        self._zone()
+
+    def _zone(self) -> ZoneInfo:
+        try:
+            return ZoneInfo(self.timezone)
+        except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+            raise InputError(
+                field="timezone", expected="a name such as Europe/Berlin", seen=ascii(self.timezone)
+            ) from error
+
+    def within(self, from_utc: datetime, until_utc: datetime) -> Iterator[tuple[datetime, datetime]]:
+        """Its hours between two aware times, as pairs of UTC times, in order."""
+        zone = self._zone()
+        day = from_utc.astimezone(zone).date() - timedelta(days=1)
+        while day <= until_utc.astimezone(zone).date():
+            last = day if self.end > self.start else day + timedelta(days=1)
+            start = datetime.combine(day, self.start, zone).astimezone(UTC)
+            end = datetime.combine(last, self.end, zone).astimezone(UTC)
+            start, end = max(start, from_utc), min(end, until_utc)
+            if start < end:
+                yield start, end
+            day += timedelta(days=1)
+
+
+Interval = tuple[datetime | None, datetime | None]
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which results are asked for; what is left out restricts nothing.
+
+    Attributes
+    ----------
+    from_utc, until_utc
+        Period of the trigger (``received_utc``), aware times, the end excluded.
+    stations, plants, vehicle_types, wheels
+        Any of these names; a plant stands for its stations.
+    verdict
+        Of the result asked for: the wheel's, the axle's, the vehicle's angles; of cycles their outcome.
+    vin
+        A VIN, or a pattern in which ``*`` stands for anything.
+    shift
+        Only within this part of every day; needs both ends of the period, at most 400 days apart.
+
+    Raises
+    ------
+    InputError
+        For times without a zone, a period that ends before it begins, or text that no database stores.
+    """
+
+    from_utc: datetime | None = None
+    until_utc: datetime | None = None
+    stations: tuple[str, ...] = ()
+    plants: tuple[str, ...] = ()
+    vehicle_types: tuple[str, ...] = ()
+    wheels: tuple[str, ...] = ()
+    verdict: Verdict | None = None
+    vin: str | None = None
+    shift: Shift | None = None
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, datetime) and value.utcoffset() is None:
+                raise InputError(field=item.name, expected="a time with its time zone", seen=str(value))
+            texts = value if isinstance(value, tuple) else (value,) if isinstance(value, str) else ()
+            for text in texts:
+                check_text(item.name, text)
+        if self.from_utc and self.until_utc and self.from_utc >= self.until_utc:
+            raise InputError(
+                field="until_utc", expected=f"a time after {self.from_utc}", seen=str(self.until_utc)
+            )
+        if self.shift is not None:
+            if self.from_utc is None or self.until_utc is None:
+                raise InputError(field="shift", expected="a period with beginning and end", seen="none")
+            if self.until_utc - self.from_utc > _LONGEST_SHIFT_PERIOD:
+                raise InputError(
+                    field="shift",
+                    expected="a period of at most 400 days",
+                    seen=str(self.until_utc - self.from_utc),
+                )
+
+    def intervals(self) -> tuple[Interval, ...]:
+        """The periods meant, in order and apart; None where an end is open."""
+        if self.shift is None or self.from_utc is None or self.until_utc is None:
+            return ((self.from_utc, self.until_utc),)
+        return tuple(self.shift.within(self.from_utc, self.until_utc))
+
+    @property
+    def needs_raw_results(self) -> bool:
+        """Whether the sums that are kept per hour cannot answer."""
+        return self.vin is not None or self.verdict is not None
+
+
+def about_cycles(where: Filter) -> list[ColumnElement[bool]]:
+    """Conditions on `cycles` and `vehicles`: everything of a filter but wheels and verdict.
+
+    Every text reaches the database as a bound value, never as a part of a statement.
+    """
+    conditions: list[ColumnElement[bool]] = []
+    periods = [
+        and_(
+            *([cycles.c.received_utc >= start] if start is not None else []),
+            *([cycles.c.received_utc < end] if end is not None else []),
+        )
+        for start, end in where.intervals()
+        if start is not None or end is not None
+    ]
+    if periods:
+        conditions.append(or_(*periods))
+    elif not where.intervals():
+        conditions.append(false())
+    if where.stations:
+        conditions.append(cycles.c.station.in_(where.stations))
+    if where.plants:
+        conditions.append(cycles.c.station.in_(stations_of(where.plants)))
+    if where.vehicle_types:
+        conditions.append(vehicles.c.vehicle_type.in_(where.vehicle_types))
+    if where.vin is not None:
+        conditions.append(matches(vehicles.c.vin, where.vin))
+    return conditions
+
+
+def matches(column: Column[str], pattern: str) -> ColumnElement[bool]:
+    """Condition: equal to a text, in which ``*`` stands for anything."""
+    if "*" not in pattern:
+        return column == pattern
+    escaped = pattern.replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_").replace("*", "%")
+    return column.like(escaped, escape="\\")
+
+
+def stations_of(names: tuple[str, ...]) -> Select[tuple[str]]:
+    """Names of the stations that stand, or ever stood, in one of these plants."""
+    return (
+        select(stations.c.name)
+        .join(station_versions, station_versions.c.station_id == stations.c.id)
+        .join(plants, station_versions.c.plant_id == plants.c.id)
+        .where(plants.c.name.in_(names))
+        .distinct()
+    )

@@ -1,0 +1,230 @@
+"""Rows as records and back."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import UUID
+
+from sqlalchemy import Connection, RowMapping, Select, Table, select
+
+from db.quality_records import (
+    ArchivedShotRecord,
+    ArchiveRemoval,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    StationRecord,
+    VehicleTypeRecord,
+)
+from db.records import (
+    AxleRecord,
+    CalibrationCheckRecord,
+    CalibrationRecord,
+    CycleRecord,
+    EventRecord,
+    StoredCycle,
+    StoredZero,
+    VehicleAnglesRecord,
+    VehicleRecord,
+    WheelRecord,
+    ZeroRecord,
+    ZeroRevocation,
+)
+from db.schema import (
+    archive_removals,
+    archived_shots,
+    axle_results,
+    calibration_checks,
+    calibrations,
+    cycles,
+    events,
+    gauge_studies,
+    gauge_values,
+    installations,
+    plants,
+    rigs,
+    station_versions,
+    stations,
+    vehicle_results,
+    vehicle_type_limits,
+    vehicles,
+    wheel_results,
+    zero_measurements,
+    zero_revocations,
+)
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Record = TypeVar("_Record", bound="DataclassInstance")
+# Both databases bound the number of parameters of one statement.
+PORTION = 1000
+# Parts of records that have tables or columns of their own.
+_NESTED = frozenset(("vehicle", "wheels", "axles", "vehicle_angles", "plant", "rigs", "study", "shot"))
+# Read as joined columns; written as keys.
+_JOINED: dict[type, frozenset[str]] = {
+    InstallationRecord: frozenset(("station", "rig")),
+    VehicleTypeRecord: frozenset(("station",)),
+    StationRecord: frozenset(("station", "plant", "rigs")),
+    ArchivedShotRecord: frozenset(("cycle",)),
+}
+
+CYCLES = select(cycles, vehicles.c.vin, vehicles.c.vehicle_type).outerjoin(
+    vehicles, cycles.c.vehicle_id == vehicles.c.id
+)
+ZEROS = select(
+    zero_measurements,
+    zero_revocations.c.zero_id,
+    zero_revocations.c.utc,
+    zero_revocations.c.reason,
+).outerjoin(zero_revocations, zero_revocations.c.zero_id == zero_measurements.c.id)
+SHOTS = select(archived_shots, cycles.c.uuid.label("cycle")).join(
+    cycles, archived_shots.c.cycle_id == cycles.c.id
+)
+STUDY_VALUES = select(gauge_values, gauge_studies.c.uuid.label("study")).join(
+    gauge_studies, gauge_values.c.study_id == gauge_studies.c.id
+)
+REMOVALS = select(archive_removals, archived_shots.c.uuid.label("shot")).join(
+    archived_shots, archive_removals.c.shot_id == archived_shots.c.id
+)
+STATIONS = (
+    select(station_versions, stations.c.name.label("station"), plants.c.name.label("plant"))
+    .join(stations, station_versions.c.station_id == stations.c.id)
+    .join(plants, station_versions.c.plant_id == plants.c.id)
+)
+INSTALLATIONS = (
+    select(installations, stations.c.name.label("station"), rigs.c.name.label("rig"))
+    .join(rigs, installations.c.rig_id == rigs.c.id)
+    .join(stations, rigs.c.station_id == stations.c.id)
+)
+LIMITS = select(vehicle_type_limits, stations.c.name.label("station")).join(
+    stations, vehicle_type_limits.c.station_id == stations.c.id
+)
+
+
+def flat_values(record: Any) -> dict[str, Any]:
+    """The values of a record that are columns of its own table; fields are named as the columns are."""
+    left_out = _NESTED | _JOINED.get(type(record), frozenset())
+    return {item.name: getattr(record, item.name) for item in fields(record) if item.name not in left_out}
+
+
+def record_of(kind: type[_Record], row: RowMapping, **nested: Any) -> _Record:
+    """The record that a row holds; `nested` gives what is in other tables."""
+    names = [item.name for item in fields(kind) if item.name not in nested and item.name in row]
+    return kind(**{name: row[name] for name in names}, **nested)
+
+
+def read_zeros(connection: Connection, query: Select[Any]) -> tuple[StoredZero, ...]:
+    """Zero measurements with their revocations; `query` extends `ZEROS`."""
+    return tuple(
+        StoredZero(
+            record_of(ZeroRecord, row),
+            None if row["zero_id"] is None else record_of(ZeroRevocation, row),
+            row["stored_utc"],
+        )
+        for row in connection.execute(query).mappings()
+    )
+
+
+def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle, ...]:
+    """Cycles with everything that belongs to them; `query` extends `CYCLES`."""
+    rows = connection.execute(query).mappings().all()
+    ids = [row["id"] for row in rows]
+    wheels = _results(connection, wheel_results, WheelRecord, ids)
+    axles = _results(connection, axle_results, AxleRecord, ids)
+    angles = _results(connection, vehicle_results, VehicleAnglesRecord, ids)
+    found = []
+    for row in rows:
+        vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
+        record = record_of(
+            CycleRecord,
+            row,
+            vehicle=vehicle,
+            wheels=tuple(wheels[row["id"]]),
+            axles=tuple(axles[row["id"]]),
+            vehicle_angles=next(iter(angles[row["id"]]), None),
+        )
+        found.append(StoredCycle(record, row["stored_utc"]))
+    return tuple(found)
+
+
+def read_stations(connection: Connection, query: Select[Any]) -> tuple[StationRecord, ...]:
+    """Stations as they were from a time on; `query` extends `STATIONS`."""
+    rows = connection.execute(query).mappings().all()
+    known: dict[int, list[str]] = defaultdict(list)
+    for station_id, name in connection.execute(select(rigs.c.station_id, rigs.c.name)):
+        known[station_id].append(name)
+    return tuple(record_of(StationRecord, row, rigs=tuple(known[row["station_id"]])) for row in rows)
+
+
+def _results(
+    connection: Connection, table: Table, kind: type[_Record], cycle_ids: list[int]
+) -> dict[int, list[_Record]]:
+    found: dict[int, list[_Record]] = defaultdict(list)
+    for start in range(0, len(cycle_ids), PORTION):
+        query = select(table).where(table.c.cycle_id.in_(cycle_ids[start : start + PORTION]))
+        for row in connection.execute(query).mappings():
+            found[row["cycle_id"]].append(record_of(kind, row))
+    return found
+
+
+# What is shipped, by the name it has in the outbox.
+KINDS: dict[str, type] = {
+    "station": StationRecord,
+    "limits": VehicleTypeRecord,
+    "calibration": CalibrationRecord,
+    "installation": InstallationRecord,
+    "check": CalibrationCheckRecord,
+    "zero": ZeroRecord,
+    "revocation": ZeroRevocation,
+    "event": EventRecord,
+    "cycle": CycleRecord,
+    "study": GaugeStudyRecord,
+    "study_value": GaugeValueRecord,
+    "shot": ArchivedShotRecord,
+    "removal": ArchiveRemoval,
+}
+KIND_OF = {record: name for name, record in KINDS.items()}
+_KEYS = {"calibration": "id", "zero": "id", "revocation": "zero_id", "removal": "shot"}
+_SIMPLE: dict[str, tuple[Select[Any], Any]] = {
+    "limits": (LIMITS, vehicle_type_limits.c.uuid),
+    "calibration": (select(calibrations), calibrations.c.id),
+    "installation": (INSTALLATIONS, installations.c.uuid),
+    "check": (select(calibration_checks), calibration_checks.c.uuid),
+    "zero": (select(zero_measurements), zero_measurements.c.id),
+    "revocation": (select(zero_revocations), zero_revocations.c.zero_id),
+    "event": (select(events), events.c.uuid),
+    "study": (select(gauge_studies), gauge_studies.c.uuid),
+    "study_value": (STUDY_VALUES, gauge_values.c.uuid),
+    "shot": (SHOTS, archived_shots.c.uuid),
+    "removal": (REMOVALS, archived_shots.c.uuid),
+}
+
+
+def key_of(record: Any) -> str:
+    """What names a record in the outbox: its id, or the 32 digits of its UUID."""
+    key = getattr(record, _KEYS.get(KIND_OF[type(record)], "uuid"))
+    return key.hex if isinstance(key, UUID) else str(key)
+
+
+def load_records(connection: Connection, kind: str, keys: Sequence[str]) -> dict[str, Any]:
+    """The stored records of one kind, by their keys in the outbox; what is not there is left out."""
+    found: list[Any] = []
+    for start in range(0, len(keys), PORTION):
+        portion = keys[start : start + PORTION]
+        if kind == "cycle":
+            query = CYCLES.where(cycles.c.uuid.in_(map(UUID, portion)))
+            found += [stored.record for stored in read_cycles(connection, query)]
+        elif kind == "station":
+            query = STATIONS.where(station_versions.c.uuid.in_(map(UUID, portion)))
+            found += read_stations(connection, query)
+        else:
+            query, column = _SIMPLE[kind]
+            by_uuid = isinstance(column.type, type(cycles.c.uuid.type))
+            wanted: Iterable[Any] = map(UUID, portion) if by_uuid else portion
+            rows = connection.execute(query.where(column.in_(wanted))).mappings()
+            found += [record_of(KINDS[kind], row) for row in rows]
+    return {key_of(record): record for record in found}

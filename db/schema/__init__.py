@@ -1,0 +1,82 @@
+"""The tables, as this program expects them; `db/migrations` builds them.
+
+Only migrations create tables, so that a database and its revision never disagree; a test holds this package
+and the migrations equal. Every CHECK makes rows impossible that would lie: an OK without a value, a fault
+with a verdict. Angles are radians, times UTC. Triggers refuse every UPDATE and DELETE of what is stored; only
+the tables of `CHANGING` are kept up to date instead.
+"""
+
+from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
+from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
+from db.schema.quality import archive_removals, archived_shots, gauge_studies, gauge_values
+from db.schema.results import (
+    axle_results,
+    calibration_checks,
+    calibrations,
+    cycles,
+    events,
+    vehicle_results,
+    vehicles,
+    wheel_results,
+    zero_measurements,
+    zero_revocations,
+)
+from db.schema.shipping import arrivals, outbox, shipments, station_leases
+from db.schema.sums import (
+    counted_categories,
+    result_counts,
+    summed_characteristics,
+    sums_state,
+    value_sums,
+)
+
+# Sums that can be built again, how far the outbox is shipped, who ships.
+CHANGING = (
+    summed_characteristics,
+    counted_categories,
+    value_sums,
+    result_counts,
+    sums_state,
+    shipments,
+    station_leases,
+)
+
+# Holds nothing that is not in a table of records.
+BOOKKEEPING = (*CHANGING, outbox, arrivals)
+
+__all__ = [
+    "BOOKKEEPING",
+    "CHANGING",
+    "NAMING_CONVENTION",
+    "UtcDateTime",
+    "archive_removals",
+    "archived_shots",
+    "arrivals",
+    "axle_results",
+    "calibration_checks",
+    "calibrations",
+    "counted_categories",
+    "cycles",
+    "events",
+    "gauge_studies",
+    "gauge_values",
+    "installations",
+    "metadata",
+    "outbox",
+    "plants",
+    "result_counts",
+    "rigs",
+    "shipments",
+    "station_leases",
+    "station_versions",
+    "stations",
+    "summed_characteristics",
+    "sums_state",
+    "value_sums",
+    "vehicle_results",
+    "vehicle_type_limits",
+    "vehicles",
+    "wheel_results",
+    "zero_measurements",
+    "zero_revocations",
+]

@@ -1,0 +1,255 @@
+"""Writing records inside a transaction: each is stored once, the same again changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Connection, Insert, Table, select, tuple_
+from sqlalchemy.dialects import postgresql, sqlite
+
+from alignment.errors import StoreError
+from db.quality_records import (
+    ArchivedShotRecord,
+    ArchiveRemoval,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    StationRecord,
+    VehicleTypeRecord,
+)
+from db.records import (
+    CalibrationCheckRecord,
+    CalibrationRecord,
+    CycleRecord,
+    EventRecord,
+    VehicleRecord,
+    ZeroRecord,
+    ZeroRevocation,
+)
+from db.rows import CYCLES, KIND_OF, PORTION, flat_values, key_of, load_records, read_cycles
+from db.schema import (
+    archive_removals,
+    archived_shots,
+    axle_results,
+    calibration_checks,
+    calibrations,
+    cycles,
+    events,
+    gauge_studies,
+    gauge_values,
+    installations,
+    plants,
+    rigs,
+    station_versions,
+    stations,
+    vehicle_results,
+    vehicle_type_limits,
+    vehicles,
+    wheel_results,
+    zero_measurements,
+    zero_revocations,
+)
+
+_NAMES = {
+    "check": "calibration check",
+    "zero": "zero measurement",
+    "limits": "set of limits",
+    "study": "gauge study",
+    "study_value": "value of a gauge study",
+    "shot": "archived shot",
+    "removal": "removal of an archived shot",
+    "revocation": "revocation",
+    "station": "station version",
+}
+
+
+def write_record(connection: Connection, record: Any, stored_utc: datetime) -> bool:
+    """Store a record; false when the same is stored already.
+
+    Raises
+    ------
+    StoreError
+        When another record of the same identity is stored, or what the record refers to is not.
+    """
+    if isinstance(record, CycleRecord):
+        return bool(write_cycles(connection, [record], stored_utc))
+    table, key, values = _WRITERS[type(record)](connection, record)
+    if "stored_utc" in table.c:
+        values["stored_utc"] = stored_utc
+    if insert_once(connection, table, key, values) is not None:
+        return True
+    kind = KIND_OF[type(record)]
+    stored = load_records(connection, kind, [key_of(record)]).get(key_of(record))
+    _require_same(kind, record, stored == record)
+    return False
+
+
+def write_cycles(
+    connection: Connection, records: Sequence[CycleRecord], stored_utc: datetime
+) -> frozenset[UUID]:
+    """Store cycles with their vehicles and results, in their order; return the UUIDs of those that were new.
+
+    Raises
+    ------
+    StoreError
+        As `write_record`.
+    """
+    vehicle_ids = _vehicle_ids(connection, [record.vehicle for record in records if record.vehicle])
+    rows = []
+    for record in records:
+        vehicle_id = None if record.vehicle is None else vehicle_ids[record.vehicle]
+        rows.append(flat_values(record) | {"stored_utc": stored_utc, "vehicle_id": vehicle_id})
+    statement = _insert(connection, cycles).on_conflict_do_nothing(index_elements=["uuid"])
+    returning = statement.returning(cycles.c.uuid, cycles.c.id, sort_by_parameter_order=False)
+    added: dict[UUID, int] = {}
+    for start in range(0, len(rows), PORTION):
+        portion = rows[start : start + PORTION]
+        added |= {row.uuid: row.id for row in connection.execute(returning, portion)}
+    parts: dict[Table, list[dict[str, Any]]] = {wheel_results: [], axle_results: [], vehicle_results: []}
+    for record in records:
+        if record.uuid not in added:
+            (stored,) = read_cycles(connection, CYCLES.where(cycles.c.uuid == record.uuid))
+            _require_same("cycle", record, stored.record == record)
+            continue
+        angles = () if record.vehicle_angles is None else (record.vehicle_angles,)
+        results: tuple[tuple[Table, Sequence[Any]], ...] = (
+            (wheel_results, record.wheels),
+            (axle_results, record.axles),
+            (vehicle_results, angles),
+        )
+        for table, items in results:
+            parts[table] += [flat_values(item) | {"cycle_id": added[record.uuid]} for item in items]
+    for table, part in parts.items():
+        if part:
+            connection.execute(table.insert(), part)
+    return frozenset(added)
+
+
+def insert_once(connection: Connection, table: Table, key: str, values: dict[str, Any]) -> Any:
+    """Insert a row and return its primary key; None when a row of the same key is there already.
+
+    The database decides, so two writers of one record cannot both believe that they were first.
+    """
+    statement = _insert(connection, table).values(**values).on_conflict_do_nothing(index_elements=[key])
+    return connection.execute(statement.returning(*table.primary_key)).scalar_one_or_none()
+
+
+def row_id(connection: Connection, table: Table, **values: Any) -> int:
+    """The id of the row with these values, which is made when it is missing."""
+    query = select(table.c.id)
+    for name, value in values.items():
+        query = query.where(table.c[name] == value)
+    known: int | None = connection.execute(query).scalar_one_or_none()
+    if known is not None:
+        return known
+    connection.execute(_insert(connection, table).values(**values).on_conflict_do_nothing())
+    added: int = connection.execute(query).scalar_one()
+    return added
+
+
+def _insert(connection: Connection, table: Table) -> Any:
+    insert: Callable[[Table], Insert] = (
+        postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    )
+    return insert(table)
+
+
+def _vehicle_ids(connection: Connection, wanted: Sequence[VehicleRecord]) -> dict[VehicleRecord, int]:
+    def known(missing: Sequence[VehicleRecord]) -> dict[VehicleRecord, int]:
+        found: dict[VehicleRecord, int] = {}
+        for start in range(0, len(missing), PORTION):
+            names = [(v.vin, v.vehicle_type) for v in missing[start : start + PORTION]]
+            same = tuple_(vehicles.c.vin, vehicles.c.vehicle_type).in_(names)
+            query = select(vehicles.c.id, vehicles.c.vin, vehicles.c.vehicle_type).where(same)
+            found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in connection.execute(query)}
+        return found
+
+    distinct = list(dict.fromkeys(wanted))
+    found = known(distinct)
+    missing = [vehicle for vehicle in distinct if vehicle not in found]
+    if missing:
+        statement = _insert(connection, vehicles).on_conflict_do_nothing()
+        # In one order for all writers, or two of them could wait for each other.
+        missing.sort(key=lambda vehicle: (vehicle.vin, vehicle.vehicle_type))
+        connection.execute(statement, [flat_values(vehicle) for vehicle in missing])
+        found |= known(missing)
+    return found
+
+
+def _require_same(kind: str, record: Any, same: bool) -> None:
+    if not same:
+        name = _NAMES.get(kind, kind)
+        identity = getattr(record, "uuid", None) or key_of(record)
+        raise StoreError(
+            f"already holds another {name} {identity}; what is stored stays. Give the new"
+            f" {name} an identity of its own"
+        )
+
+
+def _known_id(connection: Connection, table: Table, name: str, uuid: UUID) -> int:
+    found: int | None = connection.execute(
+        select(table.c.id).where(table.c.uuid == uuid)
+    ).scalar_one_or_none()
+    if found is None:
+        raise StoreError(f"holds no {name} {uuid}. Record the {name} first")
+    return found
+
+
+_Prepared = tuple[Table, str, dict[str, Any]]
+
+
+def _plain(table: Table, key: str) -> Callable[[Connection, Any], _Prepared]:
+    return lambda connection, record: (table, key, flat_values(record))
+
+
+def _station(connection: Connection, record: StationRecord) -> _Prepared:
+    station_id = row_id(connection, stations, name=record.station)
+    for rig in record.rigs:
+        row_id(connection, rigs, station_id=station_id, name=rig)
+    keys = {"station_id": station_id, "plant_id": row_id(connection, plants, name=record.plant)}
+    return station_versions, "uuid", flat_values(record) | keys
+
+
+def _limits(connection: Connection, record: VehicleTypeRecord) -> _Prepared:
+    station_id = row_id(connection, stations, name=record.station)
+    return vehicle_type_limits, "uuid", flat_values(record) | {"station_id": station_id}
+
+
+def _installation(connection: Connection, record: InstallationRecord) -> _Prepared:
+    station_id = row_id(connection, stations, name=record.station)
+    rig_id = row_id(connection, rigs, station_id=station_id, name=record.rig)
+    return installations, "uuid", flat_values(record) | {"rig_id": rig_id}
+
+
+def _study_value(connection: Connection, record: GaugeValueRecord) -> _Prepared:
+    study_id = _known_id(connection, gauge_studies, "gauge study", record.study)
+    return gauge_values, "uuid", flat_values(record) | {"study_id": study_id}
+
+
+def _shot(connection: Connection, record: ArchivedShotRecord) -> _Prepared:
+    cycle_id = _known_id(connection, cycles, "cycle", record.cycle)
+    return archived_shots, "uuid", flat_values(record) | {"cycle_id": cycle_id}
+
+
+def _removal(connection: Connection, record: ArchiveRemoval) -> _Prepared:
+    shot_id = _known_id(connection, archived_shots, "archived shot", record.shot)
+    return archive_removals, "shot_id", flat_values(record) | {"shot_id": shot_id}
+
+
+_WRITERS: dict[type, Callable[[Connection, Any], _Prepared]] = {
+    CalibrationRecord: _plain(calibrations, "id"),
+    CalibrationCheckRecord: _plain(calibration_checks, "uuid"),
+    ZeroRecord: _plain(zero_measurements, "id"),
+    ZeroRevocation: _plain(zero_revocations, "zero_id"),
+    EventRecord: _plain(events, "uuid"),
+    GaugeStudyRecord: _plain(gauge_studies, "uuid"),
+    GaugeValueRecord: _study_value,
+    StationRecord: _station,
+    VehicleTypeRecord: _limits,
+    InstallationRecord: _installation,
+    ArchivedShotRecord: _shot,
+    ArchiveRemoval: _removal,
+}
