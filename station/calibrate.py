@@ -161,8 +161,10 @@ def _calibrated(
 
 
 def calibration_id(calibration: RigCalibration, now_utc: datetime) -> str:
-    """Identity of a calibration: its rig, its time, and a digest of what it says of the cameras."""
+    """Identity of a calibration: its rig, its time, and a digest of what it says of cameras and rig."""
     digest = hashlib.sha256()
+    for array in (calibration.vehicle_from_rig.rotation, calibration.vehicle_from_rig.translation):
+        digest.update(np.ascontiguousarray(array).tobytes())
     for head in calibration.heads:
         for camera in head.cameras:
             for part in (

@@ -14,6 +14,7 @@ from alignment.errors import ConfigurationError, InputError, SeveralErrors, Stor
 from station.commands import wheel
 from station.commands.calibrate import calibrate
 from station.commands.calibration import calibration_app
+from station.commands.calibration_frame import simulate_gauge_session_command
 from station.commands.database import db_app
 from station.commands.demo import demo
 from station.commands.line import line_app
@@ -36,6 +37,7 @@ app.command()(demo)
 app.command()(wheel.measure)
 app.command()(calibrate)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
+wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")

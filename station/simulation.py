@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from alignment.errors import FormatError
 from alignment.values import RigCalibration, Side
 from sensors.formats import WheelTruth, write_calibration, write_shot, write_truth
 from sensors.formats.validation import StrictModel
@@ -105,23 +104,6 @@ def simulate_wheel(
         scene, calibration, rng, settings=config.cameras.settings(), time_utc=datetime.now(UTC)
     )
     return shot, truth_of(scene), calibration
-
-
-def require_new(folder: Path) -> None:
-    """Refuse a folder that holds something, before any time is spent on rendering.
-
-    Raises
-    ------
-    FormatError
-        When it does.
-    """
-    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
-        raise FormatError(
-            file=folder,
-            expected="a new or empty folder",
-            seen="a file" if folder.is_file() else "a folder with files in it",
-            cure="Choose another name; what is recorded is never replaced",
-        )
 
 
 def write_simulated_wheel(

@@ -223,6 +223,25 @@ def write_calibration(
         When a value is out of the format's range, or the file cannot be written; an older file is unchanged.
     """
     path = Path(path)
+    file = describe_calibration(calibration, method=method, created_utc=created_utc, path=path)
+    write_calibration_file(path, file)
+
+
+def write_calibration_file(path: str | PathLike[str], file: CalibrationFile) -> None:
+    """Write a calibration that is described already; otherwise as `write_calibration`."""
+    write_bytes(Path(path), dump_json(file))
+
+
+def describe_calibration(
+    calibration: RigCalibration, *, method: str, created_utc: datetime, path: Path
+) -> CalibrationFile:
+    """Return what `write_calibration` writes.
+
+    Raises
+    ------
+    FormatError
+        When a value is out of the format's range; the message names `path`.
+    """
     covariance = calibration.covariance
     data = {
         "schema": "truewheel.calibration/1",
@@ -243,7 +262,7 @@ def write_calibration(
         if covariance is None
         else {"parameters": list(calibration.parameter_names), "matrix": covariance.tolist()},
     }
-    write_bytes(path, dump_json(validate(CalibrationFile, data, file=path)))
+    return validate(CalibrationFile, data, file=path)
 
 
 def _pose_fields(transform: RigidTransform) -> dict[str, object]:

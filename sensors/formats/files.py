@@ -64,6 +64,23 @@ def write_bytes(path: Path, content: bytes) -> None:
         ) from error
 
 
+def require_new(folder: Path) -> None:
+    """Refuse a folder that holds something, before any time is spent on what shall go into it.
+
+    Raises
+    ------
+    FormatError
+        When it does.
+    """
+    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
+        raise FormatError(
+            file=folder,
+            expected="a new or empty folder",
+            seen="a file" if folder.is_file() else "a folder with files in it",
+            cure="Choose another name; what is recorded is never replaced",
+        )
+
+
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     """Make a folder so that it appears with all its files or not at all.
 

@@ -31,12 +31,15 @@ class PlateTruth:
         (M, 2) column and row of each mark, (M, 3) where it really is in the plate's frame, millimetres.
     rig_from_plate
         True pose of the plate in each view, by name.
+    vehicle_from_rig
+        True pose of the rig in the vehicle; None where none was drawn.
     """
 
     seed: int
     indices: NDArray[np.int64]
     points: NDArray[np.float64]
     rig_from_plate: Mapping[str, RigidTransform]
+    vehicle_from_rig: RigidTransform | None = None
 
 
 class TrueView(StrictModel):
@@ -59,6 +62,10 @@ class PlateTruthFile(StrictModel):
         max_length=200_000,
         description="Of each mark: column, row, and where it really is in the plate's frame, millimetres",
     )
+    vehicle_from_rig: Pose | None = Field(
+        default=None,
+        description="Takes rig coordinates to vehicle coordinates; null where the images do not show it",
+    )
 
 
 def read_plate_truth(path: str | PathLike[str]) -> PlateTruth:
@@ -76,6 +83,7 @@ def read_plate_truth(path: str | PathLike[str]) -> PlateTruth:
         indices=np.array([mark[:2] for mark in found.marks], dtype=np.int64),
         points=np.array([mark[2:] for mark in found.marks]),
         rig_from_plate={view.name: view.rig_from_plate.transform() for view in found.views},
+        vehicle_from_rig=None if found.vehicle_from_rig is None else found.vehicle_from_rig.transform(),
     )
 
 
@@ -92,17 +100,16 @@ def write_plate_truth(path: str | PathLike[str], truth: PlateTruth) -> None:
         "schema": "truewheel.plate-truth/1",
         "seed": truth.seed,
         "views": [
-            {
-                "name": name,
-                "rig_from_plate": {
-                    "rotation": pose.rotation.tolist(),
-                    "translation_mm": pose.translation.tolist(),
-                },
-            }
+            {"name": name, "rig_from_plate": _pose_fields(pose)}
             for name, pose in truth.rig_from_plate.items()
         ],
         "marks": [
             [*mark, *point] for mark, point in zip(truth.indices.tolist(), truth.points.tolist(), strict=True)
         ],
+        "vehicle_from_rig": None if truth.vehicle_from_rig is None else _pose_fields(truth.vehicle_from_rig),
     }
     write_bytes(path, dump_json(validate(PlateTruthFile, data, file=path)))
+
+
+def _pose_fields(pose: RigidTransform) -> dict[str, object]:
+    return {"rotation": pose.rotation.tolist(), "translation_mm": pose.translation.tolist()}

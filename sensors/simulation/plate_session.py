@@ -40,11 +40,19 @@ class PlatePosition:
     tilt
         Rotation vector of the plate about its x and y axes, radians. A tilted plate is not on the stage: the
         session does not tell its pose.
+    rig_from_plate
+        True pose of a plate that is on no stage, such as one of a gauge frame; the others do not count then.
     """
 
     name: str
     stage_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt: tuple[float, float] = (0.0, 0.0)
+    rig_from_plate: RigidTransform | None = None
+
+    @property
+    def on_stage(self) -> bool:
+        """Whether the session tells its position."""
+        return self.rig_from_plate is None and not any(self.tilt)
 
 
 def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, ...]:
@@ -172,7 +180,8 @@ def simulate_plate_session(
     for position in spec.positions:
         nominal = np.array(spec.centre_mm) + position.stage_mm
         off = spec.stage_errors * spec.stage_tolerance_mm * of_stage.uniform(-1.0, 1.0, 3)
-        pose = RigidTransform.from_rotvec(np.array([*position.tilt, 0.0]), nominal + off)
+        staged = RigidTransform.from_rotvec(np.array([*position.tilt, 0.0]), nominal + off)
+        pose = position.rig_from_plate or staged
         noise = of_image.spawn(len(cameras))
         images: dict[CameraKey, Image] = {}
         for (key, camera), draw in zip(cameras.items(), noise, strict=True):
@@ -180,7 +189,7 @@ def simulate_plate_session(
                 true_plate, camera, pose, draw,
                 look=spec.look, optics=spec.optics, light=lights[key], settings=spec.settings,
             )  # fmt: skip
-        views.append(SessionView(position.name, None if any(position.tilt) else nominal, images))
+        views.append(SessionView(position.name, nominal if position.on_stage else None, images))
         poses[position.name] = pose
     session = PlateSession(
         rig=calibration.rig,

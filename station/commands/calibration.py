@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from station.commands.calibration_check import check_command
+from station.commands.calibration_frame import frame_command
 from station.commands.calibration_refresh import refresh_command
 from station.commands.output import JsonFlag, print_json
 from station.commands.wheel import SideOption
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 calibration_app = typer.Typer(no_args_is_help=True, help="Calibrations of rigs.")
 calibration_app.command("check")(check_command)
 calibration_app.command("refresh")(refresh_command)
+calibration_app.command("frame")(frame_command)
 
 
 class FormatOption(StrEnum):

@@ -154,13 +154,9 @@ def simulate_wheel_command(
 ) -> None:
     """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
     from alignment.errors import ConfigurationError
+    from sensors.formats.files import require_new
     from sensors.simulation.scene import WheelPose
-    from station.simulation import (
-        read_simulation,
-        require_new,
-        simulate_wheel,
-        write_simulated_wheel,
-    )
+    from station.simulation import read_simulation, simulate_wheel, write_simulated_wheel
 
     farthest = max(map(abs, offset))
     if not farthest <= 100.0:

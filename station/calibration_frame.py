@@ -1,0 +1,271 @@
+"""`truewheel calibration frame`: all rigs are put into the vehicle frame by one view of a gauge frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from alignment.calibration.gate import ARCMIN
+from alignment.calibration.gauge import (
+    CertifiedPlate,
+    PlacedRig,
+    judge_placing,
+    place_rig,
+    predicted_u95,
+    transfer_u95,
+)
+from alignment.calibration.observations import CalibrationInput
+from alignment.errors import ConfigurationError, FormatError
+from alignment.values import RigCalibration
+from db.records import CalibrationRecord
+from db.store import ResultStore
+from sensors.formats import (
+    CalibrationFile,
+    GaugeFrame,
+    PlateDescription,
+    PlateSession,
+    read_calibration_file,
+    read_plate_session,
+)
+from sensors.formats.calibration import describe_calibration
+from sensors.formats.files import write_folder
+from sensors.formats.plate_session import SESSION_FILE
+from sensors.formats.validation import dump_json
+from station.calibrate import calibration_id, observe_session
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class FramedRig:
+    """What the gauge frame said of one rig.
+
+    Attributes
+    ----------
+    rig
+        Its name.
+    before
+        Identity of its calibration until now.
+    problem
+        The sentence that refuses it; None when its pose was found.
+    placed
+        What was found; None where the plate was not recognised.
+    calibration
+        With the new pose and an identity of its own; None when refused.
+    """
+
+    rig: str
+    before: str
+    problem: str | None
+    placed: PlacedRig | None
+    calibration: RigCalibration | None
+
+
+def place_rigs(
+    folder: Path, frame: GaugeFrame, calibrations: Sequence[Path], now_utc: datetime, progress: Progress
+) -> tuple[FramedRig, ...]:
+    """Find the pose of every rig in the vehicle from a gauge session.
+
+    Parameters
+    ----------
+    folder
+        Gauge session: a folder with a plate session for each rig, one view each, taken while the frame stood
+        still.
+    frame
+        The gauge frame.
+    calibrations
+        File of each rig's cameras.
+    now_utc
+        Time of the calibration, aware; part of the new identities.
+    progress
+        Told how far it is.
+
+    Raises
+    ------
+    FormatError
+        When a session or a calibration cannot be read, or a session shows another plate than the frame's.
+    ConfigurationError
+        When sessions, calibrations and the frame's plates are not of the same rigs.
+    DegenerateInputError
+        When a session's cameras are not those of its calibration, or it has more than one view.
+    """
+    sessions = _read_sessions(folder)
+    known = _read_calibrations(calibrations)
+    _check_rigs(sessions, known, frame, folder)
+    out = []
+    for number, (rig, session) in enumerate(sessions.items()):
+        progress(number / len(sessions), f"marks of {rig}")
+        out.append(_place(session, known[rig].calibration(), frame, now_utc))
+    return tuple(out)
+
+
+def _place(session: PlateSession, known: RigCalibration, frame: GaugeFrame, now_utc: datetime) -> FramedRig:
+    # The frame's own description counts: it has the certificate.
+    plate = frame.plates[session.rig].plate
+    session = replace(session, plate=plate)
+    views, refusals = observe_session(session, lambda done, doing: None)
+    if refusals:
+        listed = "; ".join(f"{' '.join(key)}: {refusal.reason}" for _, key, refusal in refusals[:3])
+        return FramedRig(session.rig, known.id, f"the plate was not recognised: {listed}", None, None)
+    data = CalibrationInput(plate.plate, views, dict(session.sizes))
+    certified = CertifiedPlate(
+        frame.plates[session.rig].vehicle_from_plate,
+        frame.file.position_sigma_mm,
+        frame.file.angle_sigma_arcmin * ARCMIN,
+    )
+    placed = place_rig(data, known, certified)
+    problem = judge_placing(placed)
+    new = None
+    if problem is None:
+        new = replace(placed.calibration, id=calibration_id(placed.calibration, now_utc))
+    return FramedRig(session.rig, known.id, problem, placed, new)
+
+
+def _read_sessions(folder: Path) -> dict[str, PlateSession]:
+    found: dict[str, PlateSession] = {}
+    for path in sorted(folder.glob(f"*/{SESSION_FILE}")):
+        session = read_plate_session(path.parent)
+        if session.rig in found:
+            raise FormatError(
+                file=path, field="rig", expected="one session for each rig", seen=f"'{session.rig}' again"
+            )
+        found[session.rig] = session
+    if not found:
+        seen = "none" if folder.is_dir() else "no such folder"
+        raise FormatError(
+            file=folder,
+            expected=f"a gauge session: folders with {SESSION_FILE}, one for each rig",
+            seen=seen,
+        )
+    return found
+
+
+def _read_calibrations(paths: Sequence[Path]) -> dict[str, CalibrationFile]:
+    found: dict[str, CalibrationFile] = {}
+    for path in paths:
+        file = read_calibration_file(path)
+        if file.rig in found:
+            raise ConfigurationError(
+                file=path, field="--calibration", expected="one for each rig", seen=f"two of '{file.rig}'"
+            )
+        found[file.rig] = file
+    return found
+
+
+def _check_rigs(
+    sessions: dict[str, PlateSession], known: dict[str, CalibrationFile], frame: GaugeFrame, folder: Path
+) -> None:
+    for what, there in (("a calibration", set(known)), ("a plate of the gauge frame", set(frame.plates))):
+        missing = [rig for rig in sessions if rig not in there]
+        if missing:
+            raise ConfigurationError(
+                field="--calibration" if there == set(known) else "--frame",
+                expected=f"{what} for each rig of the session: {', '.join(sessions)}",
+                seen=f"none for {', '.join(missing)}",
+            )
+    unseen = [rig for rig in known if rig not in sessions]
+    if unseen:
+        raise ConfigurationError(
+            file=folder,
+            expected="a session for each calibration",
+            seen=f"none for {', '.join(unseen)}",
+            cure="Leave these calibrations out, or take their images too.",
+        )
+    for rig, session in sessions.items():
+        if _layout(session.plate) != _layout(frame.plates[rig].plate):
+            raise FormatError(
+                file=folder / rig / SESSION_FILE,
+                field="plate",
+                expected=f"the gauge frame's plate '{frame.plates[rig].plate.file.name}' for this rig",
+                seen=f"'{session.plate.file.name}' with other marks",
+            )
+
+
+def _layout(plate: PlateDescription) -> dict[str, Any]:
+    """What tells plates apart, whatever is known of their errors."""
+    return plate.file.model_dump(exclude={"certificate", "mark_tolerance_mm", "flatness_tolerance_mm"})
+
+
+def keep(
+    out: Path, framed: Sequence[FramedRig], frame: GaugeFrame, now_utc: datetime, database: str | None
+) -> dict[str, Path]:
+    """Store the new calibrations in the database, then write them into a new folder, all or none.
+
+    Returns
+    -------
+    dict
+        File of each rig.
+
+    Raises
+    ------
+    StoreError
+        When the database cannot be used; nothing is written then.
+    FormatError
+        When the folder holds something or cannot be written.
+    """
+    files: dict[str, CalibrationFile] = {}
+    for each in framed:
+        assert each.calibration is not None
+        name = f"{each.rig}.json"
+        method = f"{each.before}, placed by gauge frame {frame.file.name}"[:200]
+        files[name] = describe_calibration(
+            each.calibration, method=method, created_utc=now_utc, path=out / name
+        )
+    if database is not None:
+        with ResultStore(database) as store:
+            for file in files.values():
+                document = file.model_dump(mode="json", by_alias=True)
+                store.record_calibration(CalibrationRecord(file.id, file.rig, file.created_utc, document))
+    write_folder(out, {name: dump_json(file) for name, file in files.items()})
+    return {file.rig: out / name for name, file in files.items()}
+
+
+def framed_as_json(framed: Sequence[FramedRig], files: dict[str, Path]) -> dict[str, Any]:
+    """Return what ``truewheel calibration frame --json`` prints."""
+    refused = [f"{each.rig}: {each.problem}" for each in framed if each.problem is not None]
+    placed = [each.placed for each in framed if each.placed is not None]
+    return {
+        "outcome": "refused" if refused else "accepted",
+        "reason": "; ".join(refused) or None,
+        "rigs": [_rig_as_json(each, files.get(each.rig)) for each in framed],
+        "figures": {
+            "largest_transfer_u95_arcmin": max((transfer_u95(p) / ARCMIN for p in placed), default=None),
+            "largest_angle_change_arcmin": max(
+                (max(abs(p.camber_change), abs(p.toe_change)) / ARCMIN for p in placed), default=None
+            ),
+        },
+    }
+
+
+def _rig_as_json(framed: FramedRig, file: Path | None) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "rig": framed.rig,
+        "outcome": "accepted" if framed.problem is None else "refused",
+        "reason": framed.problem,
+        "predecessor_id": framed.before,
+        "calibration_id": None if framed.calibration is None else framed.calibration.id,
+        "calibration": None if file is None else str(file),
+    }
+    if framed.placed is None:
+        return result
+    placed = framed.placed
+    predicted = predicted_u95(placed)
+    camber, toe = (None, None) if predicted is None else map(math.degrees, predicted)
+    return result | {
+        "residual_rms_px": placed.rms_px,
+        "marks": sum(placed.marks.values()),
+        "camber_change_arcmin": placed.camber_change / ARCMIN,
+        "toe_change_arcmin": placed.toe_change / ARCMIN,
+        "turn_from_nominal_deg": math.degrees(placed.turn_from_nominal),
+        "position_mm": placed.calibration.vehicle_from_rig.translation.tolist(),
+        "position_u95_mm": (2.0 * np.sqrt(np.diag(placed.pose_covariance)[3:])).tolist(),
+        "transfer_u95_arcmin": transfer_u95(placed) / ARCMIN,
+        "predicted_camber_u95_deg": camber,
+        "predicted_toe_u95_deg": toe,
+    }
