@@ -38,7 +38,8 @@ studies: setup
 		$(BIN)/python tools/accuracy.py out/studies && exit $$status
 
 bench: setup
-	$(BIN)/python -m benchmarks.measure_wheel
+	@$(BIN)/python -m benchmarks.measure_wheel; status=$$?; \
+		$(BIN)/python -m benchmarks.calibration && exit $$status
 
 clean:
 	rm -rf $(VENV)

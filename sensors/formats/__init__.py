@@ -10,6 +10,11 @@ from sensors.formats.calibration import (
     read_calibration_file,
     write_calibration,
 )
+from sensors.formats.calibration_input import (
+    CalibrationInputFile,
+    read_calibration_input,
+    write_calibration_input,
+)
 from sensors.formats.gauge_frame import GaugeFrame, GaugeFrameFile, read_gauge_frame
 from sensors.formats.images import read_image, write_image
 from sensors.formats.plate import PlateDescription, PlateFile, read_plate
@@ -27,6 +32,7 @@ from sensors.formats.truth import TruthFile, WheelTruth, read_truth, write_truth
 SCHEMAS: dict[str, type[BaseModel]] = {
     "shot": ShotFile,
     "calibration": CalibrationFile,
+    "calibration-input": CalibrationInputFile,
     "truth": TruthFile,
     "plate": PlateFile,
     "plate-session": PlateSessionFile,
@@ -37,6 +43,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
 __all__ = [
     "SCHEMAS",
     "CalibrationFile",
+    "CalibrationInputFile",
     "GaugeFrame",
     "GaugeFrameFile",
     "PlateDescription",
@@ -52,6 +59,7 @@ __all__ = [
     "check_shot_matches",
     "read_calibration",
     "read_calibration_file",
+    "read_calibration_input",
     "read_gauge_frame",
     "read_image",
     "read_plate",
@@ -60,6 +68,7 @@ __all__ = [
     "read_shot",
     "read_truth",
     "write_calibration",
+    "write_calibration_input",
     "write_image",
     "write_plate_session",
     "write_plate_truth",

@@ -13,6 +13,7 @@ from sensors.formats import (
     SCHEMAS,
     check_shot_matches,
     read_calibration,
+    read_calibration_input,
     read_gauge_frame,
     read_plate,
     read_plate_session,
@@ -59,6 +60,12 @@ def test_the_pose_of_the_example_looks_from_outboard_at_the_wheel(tmp_path):
 
 def test_the_truth_of_the_document_is_read(tmp_path):
     assert read_truth(example("truth", tmp_path)).camber_deg == -1.0
+
+
+def test_the_calibration_input_of_the_document_is_read(tmp_path):
+    data = read_calibration_input(example("calibration-input", tmp_path))
+    assert data.cameras == (("head_1", "left"),)
+    assert data.views[0].observations["head_1", "left"].pixels.shape == (4, 2)
 
 
 def test_the_plate_of_the_document_is_read_with_its_certificate(tmp_path):
