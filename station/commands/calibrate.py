@@ -15,7 +15,6 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from alignment.calibration.observations import CalibrationInput
     from sensors.formats import PlateSession
     from station.calibrate import Calibrated
 
@@ -74,9 +73,10 @@ def calibrate(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from sensors.formats import read_plate_session, write_calibration
-    from sensors.formats.calibration_input import write_calibration_input
+    from sensors.formats import read_plate_session, write_calibration_input
+    from sensors.formats.calibration import describe_calibration, write_calibration_file
     from station.calibrate import CalibrateSettings, Method, calibrate_session
+    from station.calibration_check import accept_calibration
 
     settings = CalibrateSettings(Method(method.value), None if model is ModelOption.AUTO else model.value)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -96,10 +96,13 @@ def calibrate(
     beside = out.with_suffix(".input.json")
     if found.calibration is not None and found.data is not None and found.adjustment is not None:
         text = f"{method.value}, lens model {found.adjustment.model}, {len(images.views)} views of the plate"
-        write_calibration_input(beside, found.data, found.calibration.id)
-        write_calibration(out, found.calibration, method=text, created_utc=now)
+        file = describe_calibration(found.calibration, method=text, created_utc=now, path=out)
+        # The database first: where it fails, the file in force stays.
         if database is not None:
-            _keep(database, out, found.data, images.time_utc)
+            document = file.model_dump(mode="json", by_alias=True)
+            accept_calibration(database, file, document, found.data, images.time_utc)
+        write_calibration_input(beside, found.data, found.calibration.id)
+        write_calibration_file(out, file)
     page = None if report is None else _write_report(report, found, images, now)
     result = calibrated_as_json(found, out, beside, duration_s) | {
         "report": None if page is None else str(page)
@@ -113,14 +116,6 @@ def calibrate(
         typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
     if found.calibration is None:
         raise typer.Exit(GOAL_MISSED)
-
-
-def _keep(database: str, out: Path, data: CalibrationInput, utc: datetime) -> None:
-    from sensors.formats import read_calibration_file
-    from station.calibration_check import accept_calibration
-
-    file = read_calibration_file(out)
-    accept_calibration(database, file, file.model_dump(mode="json", by_alias=True), data, utc)
 
 
 def _write_report(folder: Path, found: Calibrated, images: PlateSession, now: datetime) -> Path | None:

@@ -36,10 +36,15 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_wheel_measured_with_a_found_calibration_is_as_with_the_true_one(
     truewheel: Truewheel, session: Path, rendered_wheel: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "rig.json"
-    ended = truewheel("calibrate", session, "--out", out, "--json")
+    out, report = tmp_path / "rig.json", tmp_path / "report"
+    ended = truewheel("calibrate", session, "--out", out, "--report", report, "--json")
     assert ended.status == 0, ended.err
     result = ended.json
+    assert result["report"] == str(report / "report.html")
+    page = (report / "report.html").read_text(encoding="utf-8")
+    assert result["calibration_id"] in page
+    assert page.count('src="data:image/png;base64,') == 5
+    assert all(f"<td>{name}</td>" in page for name in ("head_3 right", "tilted_1"))
     assert set(result) >= KEYS
     assert (result["outcome"], result["reason"]) == ("accepted", None)
     assert 0.0 < result["predicted_camber_u95_deg"] < 0.001
@@ -77,6 +82,20 @@ def test_a_refused_calibration_leaves_the_one_in_force(
     assert ended.json["outcome"] == "refused"
     assert "head_1 left" in ended.json["reason"]
     assert ended.json["calibration_id"] is None
+    assert out.read_text(encoding="utf-8") == "in force"
+    assert list(tmp_path.glob("*.input.json")) == []
+
+
+def test_a_database_that_fails_leaves_the_calibration_in_force(
+    truewheel: Truewheel, session: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "rig.json"
+    out.write_text("in force", encoding="utf-8")
+    lost = f"sqlite:///{tmp_path / 'lost.db'}"
+    ended = truewheel("calibrate", session, "--out", out, "--model", "radial", "--database", lost)
+    assert ended.status in (2, 3)
+    assert "lost.db" in ended.err
+    assert "truewheel db migrate" in ended.err
     assert out.read_text(encoding="utf-8") == "in force"
     assert list(tmp_path.glob("*.input.json")) == []
 
