@@ -6,34 +6,15 @@ resolution, repeatability on the master and repeatability on parts the largest c
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from alignment.errors import DegenerateInputError
+from db.statistics.choices import Contribution
 
 LIMIT_MS, LIMIT_MP = 15.0, 30.0
 """What VDA 5 asks of Q_MS and Q_MP at most, percent."""
-
-
-class Contribution(enum.StrEnum):
-    """What a standard uncertainty stands for, in the letters of VDA 5."""
-
-    RESOLUTION = "RE"
-    CALIBRATION = "CAL"
-    MASTER_REPEATABILITY = "EVR"
-    BIAS = "BI"
-    LINEARITY = "LIN"
-    SYSTEM_REST = "MS-REST"
-    PART_REPEATABILITY = "EVO"
-    APPRAISER = "AV"
-    SYSTEMS = "GV"
-    INTERACTION = "IA"
-    STABILITY = "STAB"
-    TEMPERATURE = "T"
-    OBJECT = "OBJ"
-    PROCESS_REST = "REST"
 
 
 _SYSTEM = (

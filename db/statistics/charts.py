@@ -5,7 +5,6 @@ Sources: ISO 7870-2; AIAG, Statistical Process Control, 2nd edition; constants i
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,19 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from alignment.errors import DegenerateInputError
+from db.statistics.choices import ChartKind, RuleSet
 from db.statistics.constants import chart_constants
 from db.statistics.moments import as_values
-from db.statistics.rules import RuleSet, Signal, signals
+from db.statistics.rules import Signal, signals
 
 Array = NDArray[np.float64]
-
-
-class ChartKind(enum.StrEnum):
-    """What is drawn."""
-
-    XBAR_R = "xbar-r"
-    XBAR_S = "xbar-s"
-    INDIVIDUALS = "individuals"
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ an automatic station) parts are the only factor, and reproducibility is zero by 
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from db.statistics.anova import Source, one_way, tested_against, two_way
+from db.statistics.choices import GrrMethod
 from db.statistics.constants import chart_constants, d2_star
 
 Array = NDArray[np.float64]
@@ -24,13 +24,6 @@ POOLING_P = 0.25
 """An interaction is kept when it would arise by chance with less than this probability (AIAG)."""
 ACCEPTABLE_PERCENT, CONDITIONAL_PERCENT, LEAST_NDC = 10.0, 30.0, 5
 """AIAG: up to 10 % acceptable, up to 30 % conditionally; five categories at least."""
-
-
-class GrrMethod(enum.StrEnum):
-    """How the components are found."""
-
-    ANOVA = "anova"
-    RANGE = "range"
 
 
 @dataclass(frozen=True, eq=False)

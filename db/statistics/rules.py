@@ -6,25 +6,17 @@ Nelson, Journal of Quality Technology 16 (1984), eight tests with a run of nine.
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from db.statistics.choices import RuleSet
 from db.statistics.moments import as_values
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-class RuleSet(enum.StrEnum):
-    """Which signals a chart gives."""
-
-    THREE_SIGMA = "3sigma"
-    WESTERN_ELECTRIC = "western-electric"
-    NELSON = "nelson"
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,21 @@ class Study:
     run: RunStudy
 
 
-def write_study(study: Study, result: StudyResult, folder: Path) -> list[Path]:
+class Titled(Protocol):
+    """What files are called after: a name, and one line of what it is."""
+
+    @property
+    def name(self) -> str:
+        """As the files are called."""
+        ...
+
+    @property
+    def summary(self) -> str:
+        """One line."""
+        ...
+
+
+def write_study(study: Titled, result: StudyResult, folder: Path) -> list[Path]:
     """Write the table (CSV), the plots (PNG) and the text (Markdown) of a study; returns the files.
 
     Raises
@@ -154,7 +168,7 @@ def write_study(study: Study, result: StudyResult, folder: Path) -> list[Path]:
     return [*files, text]
 
 
-def _text(study: Study, result: StudyResult) -> str:
+def _text(study: Titled, result: StudyResult) -> str:
     lines = [f"# {study.name}", "", study.summary, "", result.text.strip(), ""]
     lines += ["| figure | value | goal | met |", "|---|---|---|---|"]
     for name, value in result.figures.items():

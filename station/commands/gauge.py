@@ -1,0 +1,256 @@
+"""`truewheel gauge`: is the station able to measure what it judges?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from db.statistics.choices import ChartKind, GrrMethod, RuleSet
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+
+if TYPE_CHECKING:
+    from station.quality.gauge_analysis import GaugeReport
+    from station.quality.gauge_source import GaugeSource
+
+gauge_app = typer.Typer(
+    no_args_is_help=True,
+    help="Gauge studies: is the station able to measure what it judges? Values come from a CSV file, which "
+    "--database and --name keep as a study, or from a study that the result database holds.",
+)
+
+LONGEST_TABLE = 30
+
+FileOption = Annotated[
+    Path | None,
+    typer.Option("--from-file", help="CSV with a header line; see docs/quality.md.", show_default=False),
+]
+DatabaseChoice = Annotated[
+    str | None,
+    typer.Option("--database", help="URL of the result database.", show_default=False),
+]
+StudyOption = Annotated[
+    str | None, typer.Option("--study", help="UUID or name of a stored study.", show_default=False)
+]
+NameOption = Annotated[
+    str | None,
+    typer.Option("--name", help="Keep the file's values as a study of this name.", show_default=False),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Folder for table, plots and text.", show_default=False)
+]
+UnitOption = Annotated[str, typer.Option("--unit", help="Unit of the values of a file, as it is shown.")]
+ToleranceOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance", help="Width of the tolerance, in the unit of the values.", show_default=False
+    ),
+]
+ReferenceOption = Annotated[
+    float | None,
+    typer.Option("--reference", help="Certified value of the master.", show_default=False),
+]
+
+
+@gauge_app.command("type1")
+def type1_command(
+    from_file: FileOption = None,
+    database: DatabaseChoice = None,
+    study: StudyOption = None,
+    name: NameOption = None,
+    reference: ReferenceOption = None,
+    tolerance: ToleranceOption = None,
+    share: Annotated[
+        float, typer.Option(help="Percent of the tolerance that the gauge may use.", min=1, max=100)
+    ] = 20.0,
+    spread: Annotated[float, typer.Option(help="Spread in standard deviations.", min=1, max=12)] = 6.0,
+    resolution: Annotated[
+        float | None, typer.Option(help="Resolution of the gauge.", show_default=False)
+    ] = None,
+    unit: UnitOption = "",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Cg and Cgk: one master, measured again and again; exit status 1 when not capable."""
+    from db.quality_records import StudyKind
+    from station.quality.gauge_analysis import analyse_type1
+    from station.quality.gauge_source import open_source
+
+    source = open_source(
+        StudyKind.TYPE1,
+        from_file,
+        database,
+        study,
+        name,
+        unit,
+        {"reference": reference, "tolerance": tolerance},
+    )
+    with source.named_in_errors():
+        report = analyse_type1(
+            source.rows,
+            source.required("reference", reference),
+            source.required("tolerance", tolerance),
+            share=share / 100.0,
+            spread=spread,
+            resolution=resolution,
+            unit=source.unit,
+        )
+    _finish(report, source, out, as_json)
+
+
+@gauge_app.command("grr")
+def grr_command(
+    from_file: FileOption = None,
+    database: DatabaseChoice = None,
+    study: StudyOption = None,
+    name: NameOption = None,
+    method: Annotated[GrrMethod, typer.Option(help="Analysis of variance, or average and range.")] = (
+        GrrMethod.ANOVA
+    ),
+    tolerance: ToleranceOption = None,
+    multiplier: Annotated[
+        float, typer.Option(help="Study variation in standard deviations.", min=1, max=12)
+    ] = 6.0,
+    ignore_appraiser: Annotated[
+        bool, typer.Option("--ignore-appraiser", help="Type 3: without appraisers.")
+    ] = False,
+    unit: UnitOption = "",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Repeatability and reproducibility; exit status 1 above 30 %.
+
+    Columns part, appraiser, trial, value. Without appraisers, or with one, it is a study of type 3.
+    """
+    from db.quality_records import StudyKind
+    from station.quality.gauge_analysis import analyse_grr
+    from station.quality.gauge_source import open_source
+
+    source = open_source(StudyKind.GRR, from_file, database, study, name, unit, {"tolerance": tolerance})
+    with source.named_in_errors():
+        report = analyse_grr(
+            source.rows,
+            method,
+            tolerance=source.number("tolerance", tolerance),
+            multiplier=multiplier,
+            ignore_appraiser=ignore_appraiser,
+            unit=source.unit,
+        )
+    _finish(report, source, out, as_json)
+
+
+@gauge_app.command("linearity")
+def linearity_command(
+    from_file: FileOption = None,
+    database: DatabaseChoice = None,
+    study: StudyOption = None,
+    name: NameOption = None,
+    confidence: Annotated[float, typer.Option(help="Of band and limits, percent.", min=50, max=99.9)] = 95.0,
+    unit: UnitOption = "",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Bias over the range; exit status 1 when zero bias is outside of the band. Columns reference, value."""
+    from db.quality_records import StudyKind
+    from station.quality.gauge_analysis import analyse_linearity
+    from station.quality.gauge_source import open_source
+
+    source = open_source(StudyKind.LINEARITY, from_file, database, study, name, unit, {})
+    with source.named_in_errors():
+        report = analyse_linearity(source.rows, confidence=confidence / 100.0, unit=source.unit)
+    _finish(report, source, out, as_json)
+
+
+@gauge_app.command("stability")
+def stability_command(
+    from_file: FileOption = None,
+    database: DatabaseChoice = None,
+    study: StudyOption = None,
+    name: NameOption = None,
+    reference: ReferenceOption = None,
+    rules: Annotated[RuleSet, typer.Option(help="Which signals count.")] = RuleSet.WESTERN_ELECTRIC,
+    chart: Annotated[ChartKind, typer.Option(help="Kind of chart; single values for size 1.")] = (
+        ChartKind.XBAR_R
+    ),
+    size: Annotated[int, typer.Option(help="Values of one subgroup.", min=1, max=100)] = 1,
+    unit: UnitOption = "",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """The same master over time: control chart and drift; exit status 1 with a signal.
+
+    Columns time, value.
+    """
+    from db.quality_records import StudyKind
+    from station.quality.gauge_analysis import analyse_stability
+    from station.quality.gauge_source import open_source
+
+    source = open_source(
+        StudyKind.STABILITY, from_file, database, study, name, unit, {"reference": reference}
+    )
+    with source.named_in_errors():
+        report = analyse_stability(
+            source.rows,
+            size=1 if chart is ChartKind.INDIVIDUALS else size,
+            rules=rules,
+            kind=chart,
+            reference=source.number("reference", reference),
+            unit=source.unit,
+        )
+    _finish(report, source, out, as_json)
+
+
+@gauge_app.command("budget")
+def budget_command(
+    from_file: Annotated[
+        Path,
+        typer.Option("--from-file", help="CSV with contribution, u and source.", show_default=False),
+    ],
+    tolerance: Annotated[
+        float, typer.Option(help="Width of the tolerance, in the unit of u.", show_default=False)
+    ],
+    coverage_factor: Annotated[float, typer.Option(help="k.", min=1, max=4)] = 2.0,
+    unit: UnitOption = "",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Uncertainty budget after VDA 5: Q_MS and Q_MP; exit status 1 above 15 % and 30 %."""
+    from station.quality.gauge_analysis import analyse_budget
+    from station.quality.gauge_file import read_budget_file
+    from station.quality.gauge_source import GaugeSource
+
+    source = GaugeSource(str(from_file), (), unit, {})
+    components = read_budget_file(from_file)
+    with source.named_in_errors():
+        report = analyse_budget(components, tolerance, coverage_factor, unit)
+    _finish(report, source, out, as_json)
+
+
+def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json: bool) -> None:
+    """Print, write, and end with status 1 when a limit was missed."""
+    from station.studies.study import write_study
+
+    files = [] if out is None else write_study(report, report.result, out)
+    if as_json:
+        print_json(report.as_json() | {"source": source.name, "files": [str(file) for file in files]})
+    else:
+        _show(report, source, files)
+    if report.result.missed:
+        raise typer.Exit(GOAL_MISSED)
+
+
+def _show(report: GaugeReport, source: GaugeSource, files: list[Path]) -> None:
+    from rich.console import Console
+
+    from station.quality.text_tables import figure_table, table
+
+    console = Console()
+    console.print(f"{report.summary} {source.name}", markup=False, highlight=False)
+    console.print(table(report.result.rows[:LONGEST_TABLE]))
+    if len(report.result.rows) > LONGEST_TABLE:
+        console.print(f"… {len(report.result.rows) - LONGEST_TABLE} more rows; --out writes them all")
+    console.print(figure_table(report.result))
+    console.print(report.result.text, markup=False, highlight=False)
+    if files:
+        console.print(f"wrote {', '.join(str(file) for file in files)}", soft_wrap=True, highlight=False)

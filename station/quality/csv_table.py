@@ -1,0 +1,154 @@
+"""Tables that people save from a spreadsheet: every error names file, line and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+from alignment.errors import FormatError
+
+_SEPARATORS = (",", ";", "\t")
+_LARGEST_COUNT = 1_000_000
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line below the header.
+
+    Attributes
+    ----------
+    path, number
+        The file, and the line in it, from 1.
+    cells
+        By the name of the column, in small letters.
+    """
+
+    path: Path
+    number: int
+    cells: Mapping[str, str]
+    separator: str
+
+    def has(self, column: str) -> bool:
+        """Whether the column is there and filled."""
+        return bool(self.cells.get(column, "").strip())
+
+    def text(self, column: str) -> str:
+        """A name: not empty, on one line, printable."""
+        found = self.cells[column].strip()
+        if not found or not found.isprintable():
+            raise self.error(column, "a name", found)
+        return found
+
+    def decimal(self, column: str) -> Decimal:
+        """A finite number, no digit lost."""
+        found = self.cells[column].strip().replace("\N{MINUS SIGN}", "-")
+        try:
+            value = Decimal(found if self.separator == "," else found.replace(",", "."))
+        except InvalidOperation:
+            raise self.error(column, "a number", self.cells[column]) from None
+        # Beyond these no float64 holds it, nor does any gauge show it.
+        if not value.is_finite() or abs(value) > Decimal("1e100"):
+            raise self.error(column, "a finite number", self.cells[column])
+        return value
+
+    def count(self, column: str) -> int:
+        """A whole number from 1."""
+        found = self.cells[column].strip()
+        if not (found.isascii() and found.isdigit() and 1 <= int(found[:8]) <= _LARGEST_COUNT):
+            raise self.error(column, "a whole number from 1", found)
+        return int(found)
+
+    def time(self, column: str) -> datetime:
+        """A time; UTC where it names no zone."""
+        found = self.cells[column].strip()
+        try:
+            time = datetime.fromisoformat(found)
+            return time.replace(tzinfo=UTC) if time.utcoffset() is None else time.astimezone(UTC)
+        except (ValueError, OverflowError):
+            raise self.error(column, "a time such as 2026-11-22T08:30:00", found) from None
+
+    def error(self, column: str, expected: str, seen: str) -> FormatError:
+        """The error that names this cell."""
+        return FormatError(
+            file=self.path,
+            field=f"line {self.number}, column {column}",
+            expected=expected,
+            seen=ascii(seen[:60]) if seen.strip() else "nothing",
+        )
+
+
+def read_table(path: Path, required: Sequence[str]) -> list[Line]:
+    """Read a table with a header line, in UTF-8, separated by commas, semicolons or tabs.
+
+    Columns come in any order and case, and others than the required ones may be there. With semicolons or
+    tabs numbers may have a decimal comma. Empty lines are skipped.
+
+    Raises
+    ------
+    FormatError
+        For anything else, and for a table without a line below the header.
+    OSError
+        When the file cannot be read.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            file=path,
+            expected="text in UTF-8",
+            seen=f"byte {error.start} that is none",
+            cure="Save it as UTF-8",
+        ) from error
+    separator = max(_SEPARATORS, key=text.partition("\n")[0].count)
+    rows = _rows(path, text, separator)
+    header = _header(path, next(rows, (1, []))[1], required)
+    lines = []
+    for number, cells in rows:
+        if len(cells) != len(header):
+            raise FormatError(
+                file=path,
+                field=f"line {number}",
+                expected=f"{len(header)} cells, as the header has",
+                seen=str(len(cells)),
+            )
+        lines.append(Line(path, number, dict(zip(header, cells, strict=True)), separator))
+    if not lines:
+        raise FormatError(file=path, expected="at least one line of values below the header", seen="none")
+    return lines
+
+
+def _rows(path: Path, text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
+    """Lines with their numbers; the first one, and those that are not empty."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells) or reader.line_num == 1:
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise FormatError(
+            file=path, field=f"line {reader.line_num}", expected="a line of CSV", seen=str(error)
+        ) from error
+
+
+def _header(path: Path, cells: Sequence[str], required: Sequence[str]) -> list[str]:
+    names = [name.strip().lower() for name in cells]
+    missing = [name for name in required if name not in names]
+    if missing:
+        raise FormatError(
+            file=path,
+            field="line 1",
+            expected=f"a header with the columns {', '.join(required)}",
+            seen=ascii(", ".join(names)[:100]) if any(names) else "nothing",
+            cure=f"Missing: {', '.join(missing)}",
+        )
+    twice = sorted({name for name in names if name and names.count(name) > 1})
+    if twice:
+        raise FormatError(
+            file=path, field="line 1", expected="each column once", seen=f"{', '.join(twice)} twice"
+        )
+    return names

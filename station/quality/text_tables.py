@@ -1,0 +1,42 @@
+"""Tables for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.table import Table
+
+from station.studies.study import StudyResult
+
+
+def table(rows: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
+    """Rows of the same keys; numbers to the right, with as many digits as a person reads."""
+    found = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False)
+    names = list(rows[0]) if rows else []
+    for name in names:
+        number = any(isinstance(row[name], int | float) for row in rows)
+        found.add_column(name.replace("_", " "), justify="right" if number else "left", no_wrap=not number)
+    for row in rows:
+        found.add_row(*(shown(row[name]) for name in names))
+    return found
+
+
+def figure_table(result: StudyResult) -> Table:
+    """Figures beside their limits."""
+    rows = []
+    for name, value in result.figures.items():
+        goals = [goal for goal in result.goals if goal.figure == name]
+        limit = ", ".join(f"{goal} {'met' if goal.met(value) else 'MISSED'}" for goal in goals)
+        rows.append({"figure": name, "value": None if math.isnan(value) else value, "limit": limit})
+    return table(rows)
+
+
+def shown(value: object) -> str:
+    """A cell: six digits of a number, a dash for none."""
+    if value is None:
+        return "–"
+    # Not markup: a name may hold a bracket.
+    return f"{value:.6g}" if isinstance(value, float) else str(value).replace("[", "\\[")

@@ -1,0 +1,146 @@
+"""`truewheel gauge` from files: figures, exit status, one object on standard output, pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from station.cli import main
+
+
+def gauge(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
+    status = 0
+    try:
+        main(["gauge", *map(str, arguments)])
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 0
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def figures(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, dict[str, Any]]:
+    status, out, _ = gauge(capsys, *arguments, "--json")
+    return status, json.loads(out)
+
+
+@pytest.mark.parametrize(("method", "percent", "ndc"), [("anova", 27.9, 4), ("range", 26.7, 5)])
+def test_grr_of_the_published_example(
+    capsys: pytest.CaptureFixture[str], published_data: Path, method: str, percent: float, ndc: int
+) -> None:
+    file = published_data / "aiag_msa4" / "grr_10x3x3.csv"
+    status, found = figures(capsys, "grr", "--from-file", file, "--method", method)
+    assert status == 0
+    assert round(found["figures"]["grr_percent_study_variation"], 1) == percent
+    assert found["figures"]["ndc"] == ndc
+    assert {"repeatability", "reproducibility"} <= set(found["figures"])
+    assert (found["parts"], found["appraisers"], found["trials"], found["type"]) == (10, 3, 3, 2)
+    status, found = figures(
+        capsys, "grr", "--from-file", file, "--method", method, "--ignore-appraiser", "--tolerance", "4"
+    )
+    assert (found["type"], found["figures"]["reproducibility"]) == (3, 0.0)
+    assert found["figures"]["grr_percent_tolerance"] == pytest.approx(600 * found["figures"]["grr"] / 4)
+    assert status == 1
+
+
+def test_bad_gauge_ends_with_status_1_and_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    lines = [f"{part},{trial},{rng.normal():.4f}" for part in range(10) for trial in range(1, 4)]
+    (tmp_path / "noise.csv").write_text("part,trial,value\n" + "\n".join(lines))
+    status, out, _ = gauge(capsys, "grr", "--from-file", tmp_path / "noise.csv")
+    assert status == 1
+    assert "NOT acceptable" in out
+    assert "MISSED" in out
+
+
+def test_study_leaves_table_pictures_and_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    values = 5.0 + 0.01 * np.sin(np.arange(50.0))
+    (tmp_path / "v.csv").write_text("value\n" + "\n".join(f"{value:.6f}" for value in values))
+    status, found = figures(
+        capsys, "type1", "--from-file", tmp_path / "v.csv", "--reference", "5", "--tolerance", "1",
+        "--unit", "°", "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert status == 0
+    assert found["figures"]["cg"] == pytest.approx(0.2 / (6 * np.std(values, ddof=1)), rel=1e-4)
+    assert sorted(Path(file).name for file in found["files"]) == [
+        "gauge-type1.csv", "gauge-type1.md", "gauge-type1.png",
+    ]  # fmt: skip
+    assert all(Path(file).stat().st_size > 100 for file in found["files"])
+
+
+def test_type1_of_equal_values_has_null_figures_and_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "v.csv").write_text("value\n" + "5\n" * 25)
+    status, found = figures(
+        capsys, "type1", "--from-file", tmp_path / "v.csv", "--reference", "5", "--tolerance", "1"
+    )
+    assert (status, found["figures"]["cg"], found["figures"]["cgk"]) == (1, None, None)
+    assert "resolution" in found["assessment"]
+
+
+def test_linearity_and_stability(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(2)
+    lines = [f"{r},{r + 0.05 * r + rng.normal(0, 0.01):.5f}" for r in (1, 2, 3, 4, 5) for _ in range(12)]
+    (tmp_path / "l.csv").write_text("reference,value\n" + "\n".join(lines))
+    status, found = figures(capsys, "linearity", "--from-file", tmp_path / "l.csv", "--out", tmp_path)
+    assert (status, found["masters"]) == (1, 5)
+    assert found["figures"]["slope"] == pytest.approx(0.05, abs=0.005)
+
+    lines = [f"2026-01-{day:02d},{rng.normal(0, 0.01) + 0.01 * day:.5f}" for day in range(1, 29)]
+    (tmp_path / "s.csv").write_text("time,value\n" + "\n".join(reversed(lines)))
+    status, found = figures(
+        capsys, "stability", "--from-file", tmp_path / "s.csv", "--rules", "nelson", "--out", tmp_path
+    )
+    assert status == 1
+    assert found["figures"]["drift_per_day"] == pytest.approx(0.01, rel=0.2)
+    assert found["figures"]["signals_location"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["grr"], "--from-file, --study"),
+        (["grr", "--study", "x"], "--database"),
+        (["type1", "--from-file", "{csv}"], "--reference"),
+        (["type1", "--from-file", "{csv}", "--reference", "1"], "--tolerance"),
+        (["grr", "--from-file", "{csv}", "--method", "guess"], "guess"),
+        (["grr", "--from-file", "/nowhere/x.csv"], "/nowhere/x.csv"),
+        (["grr", "--from-file", "{csv}", "--database", "sqlite:///x.db"], "--name"),
+        (["stability", "--from-file", "{csv}"], "one master"),
+        (["linearity", "--from-file", "{csv}"], "reference"),
+    ],
+)
+def test_wrong_use_ends_with_status_2_and_no_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    csv = tmp_path / "v.csv"
+    csv.write_text("part,value\n" + "".join(f"{n % 2},{n}\n" for n in range(20)))
+    status, out, err = gauge(capsys, *(text.format(csv=csv) for text in arguments), "--json")
+    assert (status, out) == (2, "")
+    assert said in err
+    assert "Traceback" not in err
+
+
+def test_budget_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "b.csv").write_text(
+        "contribution,u,source\nCAL,0.001,certificate\nEVR,0.002,type 1\nEVO,0.004,GRR\nT,0.003,10 K\n"
+    )
+    status, found = figures(
+        capsys, "budget", "--from-file", tmp_path / "b.csv", "--tolerance", "0.2", "--out", tmp_path / "out"
+    )
+    assert status == 0
+    assert found["figures"]["q_ms"] == pytest.approx(100 * 4 * math.sqrt(5) * 1e-3 / 0.2)
+    assert found["figures"]["q_mp"] == pytest.approx(100 * 4 * math.sqrt(26) * 1e-3 / 0.2)
+    status, out, err = gauge(capsys, "budget", "--from-file", tmp_path / "b.csv", "--tolerance", "0.02")
+    assert status == 1
+    (tmp_path / "b.csv").write_text("contribution,u\nCAL,0.001\nXYZ,0.002\n")
+    status, out, err = gauge(capsys, "budget", "--from-file", tmp_path / "b.csv", "--tolerance", "0.2")
+    assert (status, out) == (2, "")
+    assert "line 3, column contribution" in err
