@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from db.statistics.choices import ChartKind, GrrMethod, RuleSet
+from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 
 if TYPE_CHECKING:
@@ -47,6 +48,11 @@ ToleranceOption = Annotated[
         "--tolerance", help="Width of the tolerance, in the unit of the values.", show_default=False
     ),
 ]
+FromOption = Annotated[
+    str | None,
+    typer.Option("--from", help="Beginning, ISO 8601; UTC without a zone.", show_default=False),
+]
+UntilOption = Annotated[str | None, typer.Option("--until", help="End, not included.", show_default=False)]
 ReferenceOption = Annotated[
     float | None,
     typer.Option("--reference", help="Certified value of the master.", show_default=False),
@@ -225,6 +231,113 @@ def budget_command(
     with source.named_in_errors():
         report = analyse_budget(components, tolerance, coverage_factor, unit)
     _finish(report, source, out, as_json)
+
+
+@gauge_app.command("plan")
+def plan_command(
+    kind: Annotated[str, typer.Argument(help="type1, grr, linearity or stability.", show_default=False)],
+    database: DatabaseOption,
+    name: Annotated[str, typer.Option(help="Name of the study.", show_default=False)],
+    characteristic: Annotated[
+        str, typer.Option(help="front_left.toe, rear.total_toe, vehicle.thrust_angle, …", show_default=False)
+    ],
+    part: Annotated[
+        list[str],
+        typer.Option(
+            help="VIN of a vehicle or master that is driven in, with its certified angle where the study "
+            "needs one: VIN or VIN=DEGREES. Several.",
+            show_default=False,
+        ),
+    ],
+    appraiser: Annotated[
+        list[str] | None, typer.Option(help="Name of an operator; none for type 3. Several.")
+    ] = None,
+    trials: Annotated[int, typer.Option(help="Measurements of each part by each appraiser.", min=1)] = 3,
+    tolerance: Annotated[
+        float | None, typer.Option(help="Width of the tolerance, degrees.", min=0, show_default=False)
+    ] = None,
+    station: Annotated[
+        str | None, typer.Option(help="Only cycles of this station.", show_default=False)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the order of the runs.", min=0)] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Plan a study that live cycles will fill; shows the order in which to drive."""
+    from station.quality.gauge_plan import plan_from_text
+
+    record = plan_from_text(
+        database, kind, name, characteristic, part, appraiser or [], trials, tolerance, station, seed
+    )
+    if as_json:
+        print_json({"study": str(record.uuid), "name": name, "kind": kind, "order": record.plan["order"]})
+        return
+    for number, (vin, who, trial) in enumerate(record.plan["order"], start=1):
+        typer.echo(f"{number:4}  {vin}{f'  by {who}' if who else ''}  trial {trial}")
+    typer.echo(f"stored {record.uuid}: drive in this order, then `truewheel gauge fill`")
+
+
+@gauge_app.command("fill")
+def fill_command(
+    study: Annotated[str, typer.Argument(help="UUID or name of a planned study.", show_default=False)],
+    database: DatabaseOption,
+    from_time: FromOption = None,
+    until_time: UntilOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Take a planned study's values from the cycles since its plan; exit status 1 when some are missing.
+
+    The first cycle of a part is its first run of the plan, and so on. Filling again adds what came meanwhile.
+    """
+    from station.quality.gauge_store import fill_study
+    from station.quality.periods import read_time
+
+    filled = fill_study(
+        database,
+        study,
+        from_utc=read_time("--from", from_time),
+        until_utc=read_time("--until", until_time),
+    )
+    missing = [[run.part, run.appraiser, run.trial] for run in filled.missing]
+    if as_json:
+        head = {"study": str(filled.study.record.uuid), "name": filled.study.record.name}
+        print_json(head | {"added": filled.added, "values": len(filled.study.values), "missing": missing})
+    else:
+        typer.echo(
+            f"{filled.added} values added, {len(filled.study.values)} in all, {len(missing)} runs to go"
+        )
+        for vin, who, trial in missing[:LONGEST_TABLE]:
+            typer.echo(f"  {vin}{f' by {who}' if who else ''} trial {trial}")
+    if missing:
+        raise typer.Exit(GOAL_MISSED)
+
+
+@gauge_app.command("list")
+def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
+    """Show all studies, newest first."""
+    from station.quality.gauge_store import all_studies, planned_runs
+
+    found = [
+        {
+            "study": str(study.record.uuid),
+            "kind": str(study.record.kind),
+            "name": study.record.name,
+            "characteristic": study.record.characteristic,
+            "created_utc": study.record.created_utc.isoformat(),
+            "values": len(study.values),
+            "planned": len(planned_runs(study)) or len(study.values),
+        }
+        for study in all_studies(database)
+    ]
+    if as_json:
+        print_json({"studies": found})
+        return
+    for each in found:
+        typer.echo(
+            f"{each['study']}  {each['kind']:9}  {each['values']} of {each['planned']}  {each['name']} "
+            f"({each['characteristic']})"
+        )
+    if not found:
+        typer.echo("no studies")
 
 
 def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json: bool) -> None:
