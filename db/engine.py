@@ -54,7 +54,7 @@ def describe(url: URL) -> str:
     return shown.render_as_string(hide_password=True)
 
 
-def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
+def make_engine(url: URL, *, timeout_s: float, create: bool = False, read_only: bool = False) -> Engine:
     """Engine of a parsed URL.
 
     Parameters
@@ -63,6 +63,8 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
         Longest wait for a connection and for a lock; a statement on a server may take twice as long.
     create
         Whether a missing SQLite file may be made.
+    read_only
+        Whether the database itself refuses every write; a transaction then sees one state of the database.
 
     Notes
     -----
@@ -70,7 +72,8 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
     begins, so that a busy database is found before anything is read.
     """
     if url.get_backend_name() == "sqlite":
-        creator = _sqlite_creator(Path(url.database or ""), timeout_s, create)
+        mode = "ro" if read_only else "rwc" if create else "rw"
+        creator = _sqlite_creator(Path(url.database or ""), timeout_s, mode)
         engine = create_engine(url, creator=creator, pool_timeout=timeout_s)
         event.listen(engine, "begin", _begin_sqlite)
         return engine
@@ -83,6 +86,13 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
         # Longer, or a lock that is waited for would look like a slow server.
         "statement_timeout": str(2 * milliseconds),
     }
+    if read_only:
+        settings |= {
+            "default_transaction_read_only": "on",
+            "default_transaction_isolation": r"repeatable\ read",
+            # Compiling costs more than the short questions asked here.
+            "jit": "off",
+        }
     given = url.query.get("options", "")
     options = [given if isinstance(given, str) else " ".join(given)]
     options += [f"-c {name}={value}" for name, value in settings.items()]
@@ -101,15 +111,21 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False) -> Engine:
     )
 
 
-def _sqlite_creator(path: Path, timeout_s: float, create: bool) -> Callable[[], sqlite3.Connection]:
+def _sqlite_creator(path: Path, timeout_s: float, mode: str) -> Callable[[], sqlite3.Connection]:
     # Without mode=rw SQLite would replace a file that was moved away by an empty one.
-    uri = f"file:{quote(str(path))}?mode={'rwc' if create else 'rw'}"
+    uri = f"file:{quote(str(path))}?mode={mode}"
 
     def connect() -> sqlite3.Connection:
         connection = sqlite3.connect(
             uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False
         )
         try:
+            if mode == "ro":
+                connection.execute("PRAGMA query_only=ON")
+                # What one question reads; the operating system keeps the rest.
+                connection.execute("PRAGMA cache_size=-64000")
+                connection.execute("PRAGMA mmap_size=1073741824")
+                return connection
             connection.execute("PRAGMA journal_mode=WAL")
             connection.execute("PRAGMA synchronous=FULL")
             connection.execute("PRAGMA foreign_keys=ON")

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, time, timedelta
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from sqlalchemy import Column, ColumnElement, Select, and_, false, or_, select
+from sqlalchemy import Column, ColumnElement, Connection, Select, and_, false, or_, select, true
 
 from alignment.errors import InputError
 from db.records import Verdict, check_text
-from db.schema import cycles, plants, station_versions, stations, vehicles
+from db.schema import cycles, plants, station_versions, stations, sums_state, vehicles
 
 _LONGEST_SHIFT_PERIOD = timedelta(days=400)
 
@@ -27,16 +27,6 @@ class Quantity(enum.StrEnum):
     THRUST_ANGLE = "thrust_angle"
     FRONT_TOE_LEFT_TO_THRUST = "front_toe_left_to_thrust"
     FRONT_TOE_RIGHT_TO_THRUST = "front_toe_right_to_thrust"
-
-
-VEHICLE_PART = "vehicle"
-OF_WHEEL = (Quantity.CAMBER, Quantity.TOE)
-OF_AXLE = (Quantity.TOTAL_TOE, Quantity.CAMBER_DIFFERENCE)
-OF_VEHICLE = (
-    Quantity.THRUST_ANGLE,
-    Quantity.FRONT_TOE_LEFT_TO_THRUST,
-    Quantity.FRONT_TOE_RIGHT_TO_THRUST,
-)
 
 
 @dataclass(frozen=True, order=True)
@@ -193,32 +183,45 @@ class Filter:
         return self.vin is not None or self.verdict is not None
 
 
+EVERYTHING = Filter()
+
+
 def about_cycles(where: Filter) -> list[ColumnElement[bool]]:
     """Conditions on `cycles` and `vehicles`: everything of a filter but wheels and verdict.
 
     Every text reaches the database as a bound value, never as a part of a statement.
     """
-    conditions: list[ColumnElement[bool]] = []
-    periods = [
-        and_(
-            *([cycles.c.received_utc >= start] if start is not None else []),
-            *([cycles.c.received_utc < end] if end is not None else []),
-        )
-        for start, end in where.intervals()
-        if start is not None or end is not None
-    ]
-    if periods:
-        conditions.append(or_(*periods))
-    elif not where.intervals():
-        conditions.append(false())
-    if where.stations:
-        conditions.append(cycles.c.station.in_(where.stations))
-    if where.plants:
-        conditions.append(cycles.c.station.in_(stations_of(where.plants)))
+    conditions = [within(where.intervals())]
+    conditions += at_stations(where, cycles.c.station)
     if where.vehicle_types:
         conditions.append(vehicles.c.vehicle_type.in_(where.vehicle_types))
     if where.vin is not None:
         conditions.append(matches(vehicles.c.vin, where.vin))
+    return conditions
+
+
+def within(
+    intervals: Sequence[Interval], time: ColumnElement[datetime] = cycles.c.received_utc
+) -> ColumnElement[bool]:
+    """Condition: a time, that of the trigger unless told otherwise, lies in one of these periods."""
+    periods = [
+        and_(
+            true(),
+            *([time >= start] if start is not None else []),
+            *([time < end] if end is not None else []),
+        )
+        for start, end in intervals
+    ]
+    return or_(*periods) if periods else false()
+
+
+def at_stations(where: Filter, name: Column[str]) -> list[ColumnElement[bool]]:
+    """Conditions on a column that holds a station's name."""
+    conditions: list[ColumnElement[bool]] = []
+    if where.stations:
+        conditions.append(name.in_(where.stations))
+    if where.plants:
+        conditions.append(name.in_(stations_of(where.plants)))
     return conditions
 
 
@@ -239,3 +242,10 @@ def stations_of(names: tuple[str, ...]) -> Select[tuple[str]]:
         .where(plants.c.name.in_(names))
         .distinct()
     )
+
+
+def known_stations(connection: Connection) -> list[str]:
+    """Every station that registered, is in the sums, or has results that are not in the sums yet."""
+    last = select(sums_state.c.last_cycle_id).scalar_subquery()
+    fresh = select(cycles.c.station).where(cycles.c.id > last)
+    return sorted(connection.execute(select(stations.c.name).union(fresh)).scalars())

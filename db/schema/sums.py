@@ -28,16 +28,17 @@ summed_characteristics = Table(
     id_column(),
     Column("part", Text, nullable=False),
     Column("quantity", Text, nullable=False),
-    Column("vehicle_type", Text, nullable=False),
+    Column("vehicle_type", Text),
     Column("low", Double),
     Column("high", Double),
 )
 
-# How a cycle, wheel, axle or vehicle ended; `part` is "cycle" for the first.
+# How a cycle, wheel, axle or vehicle ended, which is its `level`.
 counted_categories = Table(
     "counted_categories",
     metadata,
     id_column(),
+    Column("level", Text, nullable=False),
     Column("part", Text, nullable=False),
     Column("vehicle_type", Text),
     Column("outcome", Text, nullable=False),
@@ -94,6 +95,8 @@ sums_state = Table(
     Column("id", Integer, primary_key=True, autoincrement=False),
     # Every cycle up to this one is in the sums, and no other.
     Column("last_cycle_id", BigInteger, nullable=False),
+    # Before this hour, a whole number of days, the sums of 24 hours are complete.
+    Column("whole_days_until", Integer, nullable=False),
     Column("summed_utc", UtcDateTime),
     check("one_row", "id = 1"),
 )

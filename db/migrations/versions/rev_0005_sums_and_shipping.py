@@ -30,6 +30,7 @@ def upgrade() -> None:
     op.create_table(
         "counted_categories",
         sa.Column("id", COUNTER, nullable=False),
+        sa.Column("level", sa.Text(), nullable=False),
         sa.Column("part", sa.Text(), nullable=False),
         sa.Column("vehicle_type", sa.Text()),
         sa.Column("outcome", sa.Text(), nullable=False),
@@ -69,7 +70,7 @@ def upgrade() -> None:
         sa.Column("id", COUNTER, nullable=False),
         sa.Column("part", sa.Text(), nullable=False),
         sa.Column("quantity", sa.Text(), nullable=False),
-        sa.Column("vehicle_type", sa.Text(), nullable=False),
+        sa.Column("vehicle_type", sa.Text()),
         sa.Column("low", sa.Double()),
         sa.Column("high", sa.Double()),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_summed_characteristics")),
@@ -78,6 +79,7 @@ def upgrade() -> None:
         "sums_state",
         sa.Column("id", sa.Integer(), autoincrement=False, nullable=False),
         sa.Column("last_cycle_id", sa.BigInteger(), nullable=False),
+        sa.Column("whole_days_until", sa.Integer(), nullable=False),
         sa.Column("summed_utc", UTC),
         sa.CheckConstraint("id = 1", name=op.f("ck_sums_state_one_row")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_sums_state")),
@@ -127,7 +129,7 @@ def upgrade() -> None:
         ),
         sqlite_with_rowid=False,
     )
-    op.execute("INSERT INTO sums_state (id, last_cycle_id) VALUES (1, 0)")
+    op.execute("INSERT INTO sums_state (id, last_cycle_id, whole_days_until) VALUES (1, 0, 0)")
     shipments = sa.table(
         "shipments", sa.column("id"), sa.column("origin", sa.Uuid()), sa.column("shipped_sequence")
     )

@@ -1,0 +1,58 @@
+"""The read side of the result database: who may only read asks here; see `docs/database.md`."""
+
+from db.queries.filters import EVERYTHING, Characteristic, Filter, Quantity, Shift
+from db.queries.reader import ResultReader
+from db.queries.series import ValueSeries, cycle_records, value_series
+from db.queries.studies import gauge_studies, gauge_study
+from db.queries.summed import (
+    GroupBy,
+    Moments,
+    ReasonCount,
+    WheelCounts,
+    YieldCounts,
+    moments,
+    reasons,
+    wheel_counts,
+    yield_counts,
+)
+from db.queries.traces import (
+    CheckOfStation,
+    SinceCheck,
+    VehicleSince,
+    VinHistory,
+    checks,
+    events,
+    since_last_good_check,
+    vin_history,
+)
+
+__all__ = [
+    "EVERYTHING",
+    "Characteristic",
+    "CheckOfStation",
+    "Filter",
+    "GroupBy",
+    "Moments",
+    "Quantity",
+    "ReasonCount",
+    "ResultReader",
+    "Shift",
+    "SinceCheck",
+    "ValueSeries",
+    "VehicleSince",
+    "VinHistory",
+    "WheelCounts",
+    "YieldCounts",
+    "checks",
+    "cycle_records",
+    "events",
+    "gauge_studies",
+    "gauge_study",
+    "moments",
+    "reasons",
+    "since_last_good_check",
+    "value_series",
+    "vin_history",
+    "wheel_counts",
+    "yield_counts",
+]

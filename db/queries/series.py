@@ -1,0 +1,157 @@
+"""Single values: series of one angle for charts and distributions, and whole records for exports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, Double, Select, Table, Text, cast, null, select
+
+from db.partial_sums import OF_AXLE, OF_WHEEL
+from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
+from db.queries.reader import ResultReader
+from db.records import StoredCycle
+from db.rows import CYCLES, read_cycles
+from db.schema import (
+    axle_results,
+    cycles,
+    vehicle_results,
+    vehicles,
+    wheel_results,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ValueSeries:
+    """Values of one characteristic in the order of storing; N values, all arrays (N,).
+
+    Attributes
+    ----------
+    time
+        When the trigger came, UTC, datetime64[us]; the clock may have been set back in between.
+    value, u, low, high
+        Radians, float64: value, standard uncertainty, limits; NaN where there is none.
+    verdict, vin, vehicle_type, station, calibration_id
+        Text, dtype object; None where there is none. Only wheels have a calibration of their own.
+    cycle
+        `uuid.UUID`, dtype object.
+    """
+
+    characteristic: Characteristic
+    time: NDArray[np.datetime64]
+    value: NDArray[np.float64]
+    u: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    verdict: NDArray[np.object_]
+    vin: NDArray[np.object_]
+    vehicle_type: NDArray[np.object_]
+    station: NDArray[np.object_]
+    calibration_id: NDArray[np.object_]
+    cycle: NDArray[np.object_]
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+
+def value_series(
+    reader: ResultReader,
+    characteristic: Characteristic,
+    where: Filter = EVERYTHING,
+    newest: int | None = None,
+) -> ValueSeries:
+    """All values of a characteristic that a filter leaves, or only the last `newest` of them."""
+    with reader.transaction() as connection:
+        query = _series(connection, characteristic, where)
+        if newest is None:
+            rows = connection.execute(query.order_by(cycles.c.id)).all()
+        else:
+            rows = connection.execute(query.order_by(cycles.c.id.desc()).limit(newest)).all()[::-1]
+    columns: list[Any] = list(zip(*rows, strict=True)) if rows else [()] * 11
+    times, numbers, texts = columns[0], columns[1:5], columns[5:]
+    value, u, low, high = (np.array(column, dtype=np.float64) for column in numbers)
+    return ValueSeries(
+        characteristic,
+        np.array([_epoch_us(time) for time in times], dtype=np.int64).astype("datetime64[us]"),
+        value,
+        u,
+        low,
+        high,
+        *[_objects(column) for column in texts],
+    )
+
+
+def cycle_records(
+    reader: ResultReader, where: Filter = EVERYTHING, portion: int = 500
+) -> Iterator[StoredCycle]:
+    """Whole cycles in the order of storing, for exports; `portion` of them are in memory at a time.
+
+    The filter's verdict is the cycle's outcome; `wheels` leaves cycles that have one of them.
+    """
+    conditions = about_cycles(where)
+    if where.verdict is not None:
+        conditions.append(cast(cycles.c.outcome, Text) == where.verdict.value)
+    if where.wheels:
+        of_cycle = (wheel_results.c.cycle_id == cycles.c.id) & wheel_results.c.wheel.in_(where.wheels)
+        conditions.append(select(wheel_results.c.cycle_id).where(of_cycle).exists())
+    last = 0
+    with reader.transaction() as connection:
+        while True:
+            query = CYCLES.where(cycles.c.id > last, *conditions).order_by(cycles.c.id).limit(portion)
+            ids = connection.execute(query.with_only_columns(cycles.c.id)).scalars().all()
+            if not ids:
+                return
+            yield from read_cycles(connection, CYCLES.where(cycles.c.id.in_(ids)).order_by(cycles.c.id))
+            last = ids[-1]
+
+
+def _series(connection: Connection, characteristic: Characteristic, where: Filter) -> Select[Any]:
+    quantity = characteristic.quantity
+    table: Table = (
+        wheel_results if quantity in OF_WHEEL else axle_results if quantity in OF_AXLE else vehicle_results
+    )
+    nothing = cast(null(), Double)
+    columns = [
+        table.c.get(name, nothing)
+        for name in (quantity.value, f"{quantity}_u", f"{quantity}_low", f"{quantity}_high")
+    ]
+    query = (
+        select(
+            cycles.c.received_utc,
+            *columns,
+            cast(table.c.verdict, Text),
+            vehicles.c.vin,
+            vehicles.c.vehicle_type,
+            cycles.c.station,
+            table.c.calibration_id if "calibration_id" in table.c else cast(null(), Text),
+            cycles.c.uuid,
+        )
+        .select_from(cycles)
+        .join(table, table.c.cycle_id == cycles.c.id)
+        .outerjoin(vehicles, cycles.c.vehicle_id == vehicles.c.id)
+        .where(columns[0].is_not(None), *about_cycles(where))
+    )
+    part = {wheel_results: "wheel", axle_results: "axle"}.get(table)
+    if part is not None:
+        query = query.where(table.c[part] == characteristic.part)
+    if where.verdict is not None:
+        query = query.where(table.c.verdict == where.verdict)
+    if not where.stations and not where.plants and (where.from_utc or where.until_utc):
+        # Every station by name, so that the index on station and time is used.
+        query = query.where(cycles.c.station.in_(known_stations(connection)))
+    return query
+
+
+def _epoch_us(time: datetime) -> int:
+    whole = time.replace(microsecond=0)
+    return int(whole.timestamp()) * 1_000_000 + time.microsecond
+
+
+def _objects(values: tuple[Any, ...]) -> NDArray[np.object_]:
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array

@@ -1,0 +1,45 @@
+"""Gauge studies with their raw values."""
+
+from __future__ import annotations
+
+from uuid import UUID
+
+from sqlalchemy import ColumnElement, or_, select
+
+from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
+from db.queries.reader import ResultReader
+from db.records import check_text
+from db.rows import STUDY_VALUES, record_of
+from db.schema import gauge_studies as study_rows
+from db.schema import gauge_values
+
+
+def gauge_studies(
+    reader: ResultReader, kind: StudyKind | None = None, text: str | None = None
+) -> tuple[GaugeStudyRecord, ...]:
+    """Studies as planned, newest first; `text` is looked for in name and comment."""
+    conditions: list[ColumnElement[bool]] = []
+    if kind is not None:
+        conditions.append(study_rows.c.kind == kind)
+    if text is not None:
+        check_text("text", text)
+        named = study_rows.c.name.icontains(text, autoescape=True)
+        conditions.append(or_(named, study_rows.c.comment.icontains(text, autoescape=True)))
+    query = select(study_rows).where(*conditions)
+    query = query.order_by(study_rows.c.created_utc.desc(), study_rows.c.id.desc())
+    with reader.transaction() as connection:
+        return tuple(record_of(GaugeStudyRecord, row) for row in connection.execute(query).mappings())
+
+
+def gauge_study(reader: ResultReader, uuid: UUID) -> StoredGaugeStudy | None:
+    """A study with its raw values, or None."""
+    with reader.transaction() as connection:
+        query = select(study_rows).where(study_rows.c.uuid == uuid)
+        row = connection.execute(query).mappings().one_or_none()
+        if row is None:
+            return None
+        of_study = STUDY_VALUES.where(gauge_values.c.study_id == row["id"]).order_by(gauge_values.c.id)
+        values = [record_of(GaugeValueRecord, item) for item in connection.execute(of_study).mappings()]
+    newest = {(value.part, value.appraiser, value.trial): value for value in values}
+    counting = tuple(newest[cell] for cell in sorted(newest))
+    return StoredGaugeStudy(record_of(GaugeStudyRecord, row), counting, tuple(values), row["stored_utc"])

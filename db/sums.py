@@ -1,0 +1,326 @@
+"""Keeps the sums of `db.schema.sums` beside the results: adds what is new, builds them again, checks them.
+
+Sums are a copy: losing them loses nothing. Questions add the results that are not in them yet, so how often
+`update_sums` runs decides how fast an answer is, never what it says.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, Engine, delete, func, literal, select, text, union_all, update
+from sqlalchemy.dialects import postgresql, sqlite
+
+from db.partial_sums import (
+    CATEGORY,
+    CHARACTERISTIC,
+    SUMS,
+    Selection,
+    counted,
+    epoch_hour,
+    hourly,
+    merged,
+    raw_outcomes,
+    raw_values,
+    same,
+)
+from db.schema import (
+    counted_categories,
+    cycles,
+    result_counts,
+    stations,
+    summed_characteristics,
+    sums_state,
+    value_sums,
+)
+
+# A day is closed when results of two hours after it have come.
+_SLACK_HOURS = 2
+_SUM_KEY = ("characteristic_id", "hours", "start", "station_id")
+_COUNT_KEY = ("category_id", "hours", "start", "station_id")
+# One program at a time: an arbitrary number that all Truewheel programs share.
+_SUMS_LOCK = 7_206_155_015
+
+
+def update_sums(engine: Engine, most: int = 20_000) -> int:
+    """Add the results of at most `most` new cycles, in a transaction of its own; return how many were added.
+
+    Another program that does so at the same time is left to it: then nothing happens here.
+    """
+    last = _last_committed(engine)
+    with engine.connect().execution_options(writes=True) as connection, connection.begin():
+        if connection.dialect.name == "postgresql":
+            mine = connection.execute(select(func.pg_try_advisory_xact_lock(_SUMS_LOCK))).scalar_one()
+            if not mine:
+                return 0
+        done, whole_days_until = connection.execute(
+            select(sums_state.c.last_cycle_id, sums_state.c.whole_days_until)
+        ).one()
+        last = min(last, done + most)
+        if last <= done:
+            return 0
+        new = Selection(after_id=done, last_id=last)
+        added = connection.execute(
+            select(func.count()).select_from(cycles).where(*new.of_cycles)
+        ).scalar_one()
+        if added:
+            _add(connection, new)
+            whole_days_until = _sum_days(connection, new, whole_days_until)
+        connection.execute(
+            update(sums_state).values(
+                last_cycle_id=last, whole_days_until=whole_days_until, summed_utc=datetime.now(UTC)
+            )
+        )
+        return int(added)
+
+
+def bring_up_to_date(engine: Engine, progress: Callable[[int], None] = lambda added: None) -> int:
+    """Add all results that are not in the sums yet; return of how many cycles."""
+    total = 0
+    while added := update_sums(engine):
+        total += added
+        progress(added)
+    return total
+
+
+def forget_sums(engine: Engine) -> None:
+    """Empty the sums; `bring_up_to_date` builds them again from the results."""
+    with engine.connect().execution_options(writes=True) as connection, connection.begin():
+        for table in (value_sums, result_counts):
+            connection.execute(delete(table))
+        connection.execute(update(sums_state).values(last_cycle_id=0, whole_days_until=0))
+
+
+@dataclass(frozen=True)
+class SumsCheck:
+    """What comparing the sums with the results found.
+
+    Attributes
+    ----------
+    cycles
+        How many cycles the sums cover.
+    sums, counts
+        Compared rows of hours.
+    differences
+        Sentences, at most ten; empty when all agree.
+    """
+
+    cycles: int
+    sums: int
+    counts: int
+    differences: tuple[str, ...]
+
+
+def check_sums(connection: Connection, from_hour: int | None = None) -> SumsCheck:
+    """Compare the sums of every hour with the results they were made of.
+
+    Parameters
+    ----------
+    from_hour
+        Only results received since then (whole hours since 1970); all without.
+    """
+    last = connection.execute(select(sums_state.c.last_cycle_id)).scalar_one()
+    conditions = (
+        () if from_hour is None else (cycles.c.received_utc >= datetime.fromtimestamp(from_hour * 3600, UTC),)
+    )
+    covered = Selection(conditions, last_id=last)
+    later = literal(True) if from_hour is None else value_sums.c.start >= from_hour
+    kept = {
+        tuple(row[:7]): row[7:]
+        for row in connection.execute(
+            select(
+                *(summed_characteristics.c[key] for key in CHARACTERISTIC),
+                stations.c.name,
+                value_sums.c.start,
+                *(value_sums.c[name] for name in SUMS),
+            )
+            .join(summed_characteristics, value_sums.c.characteristic_id == summed_characteristics.c.id)
+            .join(stations, value_sums.c.station_id == stations.c.id)
+            .where(value_sums.c.hours == 1, later)
+        )
+    }
+    true = {tuple(row[:7]): row[7:] for row in connection.execute(hourly(raw_values(covered)))}
+    differences = [
+        f"value_sums of {key}: {kept.get(key)}, from the results {true.get(key)}"
+        for key in {*kept, *true}
+        if not _agree(kept.get(key), true.get(key))
+    ]
+    later = literal(True) if from_hour is None else result_counts.c.start >= from_hour
+    counts_kept = {
+        tuple(row[:-1]): row[-1]
+        for row in connection.execute(
+            select(
+                *(counted_categories.c[key] for key in CATEGORY),
+                stations.c.name,
+                result_counts.c.start,
+                result_counts.c.n,
+            )
+            .join(counted_categories, result_counts.c.category_id == counted_categories.c.id)
+            .join(stations, result_counts.c.station_id == stations.c.id)
+            .where(result_counts.c.hours == 1, later)
+        )
+    }
+    counts_true = {
+        tuple(row[:-1]): row[-1]
+        for row in connection.execute(
+            counted(raw_outcomes(covered).subquery("raw"), (*CATEGORY, "station", "start"))
+        )
+    }
+    differences += [
+        f"result_counts of {key}: {counts_kept.get(key)}, from the results {counts_true.get(key)}"
+        for key in {*counts_kept, *counts_true}
+        if counts_kept.get(key) != counts_true.get(key)
+    ]
+    number = connection.execute(
+        select(func.count()).select_from(cycles).where(*covered.of_cycles)
+    ).scalar_one()
+    return SumsCheck(number, len(true), len(counts_true), tuple(differences[:10]))
+
+
+def _agree(kept: Any, true: Any) -> bool:
+    if kept is None or true is None:
+        return False
+    scale = max(abs(true[3]), abs(true[4]), 1e-9)
+    return bool(
+        (kept[0], kept[3], kept[4], kept[5], kept[6], kept[8])
+        == (true[0], true[3], true[4], true[5], true[6], true[8])
+        and abs(kept[1] - true[1]) <= 1e-12 * scale
+        and all(abs(kept[k] - true[k]) <= 1e-9 * true[k] + 1e-20 * true[0] for k in (2, 7))
+    )
+
+
+def _last_committed(engine: Engine) -> int:
+    """The highest id of a cycle below which no other can appear any more."""
+    with engine.connect() as connection, connection.begin():
+        if connection.dialect.name == "postgresql":
+            # Ids are given before the commit. Once no writer holds the table, all below the highest are
+            # there; writers wait for a moment, and never longer than this.
+            connection.execute(text("SET LOCAL lock_timeout = '500ms'"))
+            connection.execute(text("LOCK TABLE cycles IN SHARE MODE"))
+        last: int = connection.execute(select(func.coalesce(func.max(cycles.c.id), 0))).scalar_one()
+        return last
+
+
+def _add(connection: Connection, new: Selection) -> None:
+    named = select(cycles.c.station).where(*new.of_cycles).distinct()
+    insert = _insert(connection)
+    connection.execute(insert(stations).from_select(["name"], named).on_conflict_do_nothing())
+    values = union_all(*raw_values(new)).subquery("raw")
+    _add_missing(connection, summed_characteristics, values, CHARACTERISTIC)
+    sums = hourly(raw_values(new)).subquery("sums")
+    rows = select(
+        summed_characteristics.c.id,
+        literal(1),
+        sums.c.start,
+        stations.c.id,
+        *(sums.c[name] for name in SUMS),
+    ).where(same(sums, summed_characteristics, CHARACTERISTIC), stations.c.name == sums.c.station)
+    statement = insert(value_sums).from_select([*_SUM_KEY, *SUMS], rows)
+    old, more = value_sums.c, statement.excluded
+    n = old.n + more.n
+    shift = more.mean - old.mean
+    m2 = old.m2 + more.m2 + shift * shift * old.n * more.n / n
+    connection.execute(
+        statement.on_conflict_do_update(
+            index_elements=_SUM_KEY,
+            set_={
+                "n": n,
+                "mean": old.mean + shift * more.n / n,
+                "m2": m2,
+                "minimum": _extreme(connection, "least", old.minimum, more.minimum),
+                "maximum": _extreme(connection, "greatest", old.maximum, more.maximum),
+                "n_low": old.n_low + more.n_low,
+                "n_high": old.n_high + more.n_high,
+                # The hour is the group: its own spread.
+                "m2_within": m2,
+                "dof_within": n - 1,
+            },
+        )
+    )
+    _add_missing(connection, counted_categories, raw_outcomes(new).subquery("raw"), CATEGORY)
+    outcomes = counted(raw_outcomes(new).subquery("raw"), (*CATEGORY, "station", "start")).subquery("counts")
+    count_rows = select(
+        counted_categories.c.id, literal(1), outcomes.c.start, stations.c.id, outcomes.c.n
+    ).where(same(outcomes, counted_categories, CATEGORY), stations.c.name == outcomes.c.station)
+    counts = insert(result_counts).from_select([*_COUNT_KEY, "n"], count_rows)
+    connection.execute(
+        counts.on_conflict_do_update(
+            index_elements=_COUNT_KEY, set_={"n": result_counts.c.n + counts.excluded.n}
+        )
+    )
+
+
+def _add_missing(connection: Connection, table: Any, rows: Any, keys: tuple[str, ...]) -> None:
+    wanted = select(*(rows.c[key] for key in keys)).distinct().subquery("wanted")
+    known = select(table.c.id).where(same(wanted, table, keys)).exists()
+    connection.execute(table.insert().from_select(keys, select(wanted).where(~known)))
+
+
+def _sum_days(connection: Connection, new: Selection, whole_until: int) -> int:
+    """Sum the days that are over, and again those that results came late for; return the first open hour."""
+    hour = epoch_hour(cycles.c.received_utc)
+    hours = connection.execute(select(hour).where(*new.of_cycles).distinct()).scalars().all()
+    newest = min(max(hours), int(time.time()) // 3600)
+    late = {24 * (hour // 24) for hour in hours if hour < whole_until}
+    until = max(whole_until, 24 * ((newest - _SLACK_HOURS) // 24))
+    if until > whole_until:
+        # Days without any result cost nothing: the hours below are found by index.
+        between = connection.execute(
+            select(value_sums.c.start)
+            .where(value_sums.c.hours == 1, value_sums.c.start >= whole_until, value_sums.c.start < until)
+            .union(
+                select(result_counts.c.start).where(
+                    result_counts.c.hours == 1,
+                    result_counts.c.start >= whole_until,
+                    result_counts.c.start < until,
+                )
+            )
+        ).scalars()
+        late |= {24 * (hour // 24) for hour in between}
+    for day in sorted(late):
+        _sum_day(connection, day)
+    return until
+
+
+def _sum_day(connection: Connection, day: int) -> None:
+    for table, key, names, columns in (
+        (value_sums, summed_characteristics, _SUM_KEY, SUMS),
+        (result_counts, counted_categories, _COUNT_KEY, ("n",)),
+    ):
+        # Named one by one, the characteristics lead into the primary key.
+        of_all = table.c[names[0]].in_(select(key.c.id))
+        connection.execute(delete(table).where(of_all, table.c.hours == 24, table.c.start == day))
+        rows = (
+            select(table)
+            .where(of_all, table.c.hours == 1, table.c.start >= day, table.c.start < day + 24)
+            .subquery("hours_of_day")
+        )
+        keys = (names[0], "station_id")
+        sums = (merged(rows, keys) if table is value_sums else counted(rows, keys)).subquery("day")
+        connection.execute(
+            table.insert().from_select(
+                [*names, *columns],
+                select(
+                    sums.c[names[0]],
+                    literal(24),
+                    literal(day),
+                    sums.c.station_id,
+                    *(sums.c[name] for name in columns),
+                ),
+            )
+        )
+
+
+def _insert(connection: Connection) -> Any:
+    return postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+
+
+def _extreme(connection: Connection, name: str, *values: Any) -> Any:
+    # SQLite calls the scalar functions min and max.
+    if connection.dialect.name == "sqlite":
+        name = {"least": "min", "greatest": "max"}[name]
+    return getattr(func, name)(*values)
