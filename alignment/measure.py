@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from alignment.calibration.prediction import angle_covariance
 from alignment.errors import DegenerateInputError
+from alignment.imaging.extraction import level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.rectification import epipolar_directions
@@ -195,30 +196,25 @@ def _no_match(candidates: Candidates, head: HeadCalibration, settings: MeasureSe
 
 def _full_scale_share(image: Image, lines: LightLines) -> float:
     """Share of line points whose pixel is at the top of the range; 16-bit cameras may end below 65535."""
-    if not len(lines.points):
-        return 0.0
-    column, row = np.rint(lines.points).astype(np.intp).T
-    levels = image[row, column]
-    top = 255 if image.dtype == np.uint8 else levels.max()
-    return float(np.count_nonzero(levels >= top)) / len(levels)
+    return level_share(image, lines.points, 255 if image.dtype == np.uint8 else -1)
 
 
 def _pool(matched: list[Candidates]) -> _Pool:
-    groups, clusters, heads = [], [], []
+    groups, stretches, heads = [], [], []
     next_group = 0
     for k, c in enumerate(matched):
         groups.append(c.left_point + next_group)
-        clusters.append((k, c.left_line, c.left_point // _STRETCH))
+        # Candidates stand in the order of lines and points: another stretch begins where either changes.
+        stretches.append((k * 4096 + c.left_line) * 65536 + c.left_point // _STRETCH)
         heads.append(np.full(len(c.points), k))
         next_group += int(c.left_point.max()) + 1
-    key = np.concatenate([(k * 4096 + line) * 65536 + stretch for k, line, stretch in clusters])
-    _, cluster = np.unique(key, return_inverse=True)
+    stretch = np.concatenate(stretches)
     return _Pool(
         points=np.concatenate([c.points for c in matched]),
         sigma=np.concatenate([c.sigma for c in matched]),
         rays=np.concatenate([c.rays for c in matched]),
         group=np.concatenate(groups),
-        cluster=cluster.astype(np.int64),
+        cluster=np.concatenate([[0], np.cumsum(stretch[1:] != stretch[:-1])]),
         head=np.concatenate(heads),
     )
 

@@ -45,8 +45,9 @@ def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, fl
     dnum = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)
     den = 1.0 + r2 * (c[5] + r2 * (c[6] + r2 * c[7]))
     dden = c[5] + r2 * (2.0 * c[6] + r2 * 3.0 * c[7])
-    g = num / den
-    dg = (dnum - g * dden) / den
+    share = 1.0 / den
+    g = num * share
+    dg = (dnum - g * dden) * share
     gx, gy = 2.0 * x * dg, 2.0 * y * dg
     xd = x * g + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + r2 * (c[8] + c[9] * r2)
     yd = y * g + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + r2 * (c[10] + c[11] * r2)
@@ -86,9 +87,13 @@ def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def brown_undistort(xd: float, yd: float, c: Array) -> tuple[float, float, bool]:
-    """Undistort one point by Newton's method; the flag tells whether it converged."""
-    x, y = xd, yd
+def brown_undistort_from(
+    x: float, y: float, xd: float, yd: float, c: Array, tolerance: float
+) -> tuple[float, float, bool]:
+    """Undistort (xd, yd) by Newton's method from (x, y), until a step is below the tolerance; converged?
+
+    Steps shrink quadratically: what is left is about the square of the tolerance.
+    """
     scale = 1.0 + abs(xd) + abs(yd)
     for _ in range(_NEWTON_STEPS):
         fx, fy, jxx, jxy, jyx, jyy = brown_distort(x, y, c)
@@ -96,11 +101,12 @@ def brown_undistort(xd: float, yd: float, c: Array) -> tuple[float, float, bool]
         if not det > 1e-6:  # the polynomial has folded: no inverse here
             return x, y, False
         ex, ey = fx - xd, fy - yd
-        dx = (jyy * ex - jxy * ey) / det
-        dy = (jxx * ey - jyx * ex) / det
+        share = 1.0 / det
+        dx = (jyy * ex - jxy * ey) * share
+        dy = (jxx * ey - jyx * ex) * share
         x -= dx
         y -= dy
-        if abs(dx) + abs(dy) < _NEWTON_TOLERANCE * scale:
+        if abs(dx) + abs(dy) < tolerance * scale:
             return x, y, True
     return x, y, abs(dx) + abs(dy) < 1e-11 * scale
 
@@ -116,14 +122,29 @@ def division_distort(x: float, y: float, d: float) -> tuple[float, float, bool]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def unproject_pixel(u: float, v: float, p: Array) -> tuple[float, float, bool]:
-    """Normalised undistorted coordinates (x/z, y/z) of one pixel of a packed camera."""
+def unproject_near(
+    u: float, v: float, p: Array, aside_x: float, aside_y: float, tolerance: float
+) -> tuple[float, float, bool, float, float]:
+    """Undistort one pixel from the displacement of a neighbour; also its own displacement, for the next.
+
+    `tolerance` is that of `brown_undistort_from`.
+    """
     yd = (v - p[3]) / p[1]
     xd = (u - p[2] - p[4] * yd) / p[0]
     if p[5] == DIVISION:
         g = 1.0 + p[6] * (xd * xd + yd * yd)
-        return xd / g, yd / g, g > 0.0
-    return brown_undistort(xd, yd, p[6:])
+        return xd / g, yd / g, g > 0.0, 0.0, 0.0
+    x, y, ok = brown_undistort_from(xd + aside_x, yd + aside_y, xd, yd, p[6:], tolerance)
+    if not ok:
+        return x, y, False, 0.0, 0.0
+    return x, y, True, x - xd, y - yd
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unproject_pixel(u: float, v: float, p: Array) -> tuple[float, float, bool]:
+    """Normalised undistorted coordinates (x/z, y/z) of one pixel of a packed camera."""
+    x, y, ok, _, _ = unproject_near(u, v, p, 0.0, 0.0, _NEWTON_TOLERANCE)
+    return x, y, ok
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -48,12 +48,14 @@ def take_off_light_shift(table: Array, starts: Index, slope: Array, width: float
             lo, hi = max(i - _SMOOTH, first), min(i + _SMOOTH, last)
             for k in range(lo, hi + 1):
                 total += table[k, STRENGTH]
-            light[i] = math.log(max(total / (hi - lo + 1), 1e-6))
+            light[i] = total / (hi - lo + 1)
         for i in range(first, last + 1):
             lo, hi = max(i - _SPAN, first), min(i + _SPAN, last)
             dy = table[hi, Y] - table[lo, Y]
-            if dy > 0.0:
-                shift = width * width * (light[hi] - light[lo]) / dy * slope[i]
+            both = light[hi] + light[lo]
+            if dy > 0.0 and both > 0.0:
+                # ln(a/b) is 2 (a − b)/(a + b) to the third order.
+                shift = width * width * 2.0 * (light[hi] - light[lo]) / (both * dy) * slope[i]
                 table[i, X] -= min(max(shift, -0.5 * width), 0.5 * width)
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from alignment.imaging import chains, ridges
 from alignment.imaging.crosses import find_crosses
 from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y
+from alignment.imaging.tracing import follow
 from alignment.kernels import njit, prange
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-#: Columns of the point table: place, unit tangent, deviation across the line, strength.
-POINT_X, POINT_Y, TANGENT_X, TANGENT_Y, SIGMA, POINT_STRENGTH = range(6)
-POINT_COLUMNS = 6
+#: Rows of the noise table: deviation across the line, strength.
+SIGMA, POINT_STRENGTH = range(2)
 #: Columns of the cross table: place, steep line, flat line, slope dx/dy of the steep and dy/dx of the flat.
 CROSS_COLUMNS = 6
 #: Entries of the counts: points, lines, steep lines, crosses, width in 1/1000 px (0: no lines).
@@ -28,7 +28,10 @@ MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
-_COARSE = 8  # rows between scanned rows where a direction cannot be matched
+_SPACING_PER_STEP = (
+    20.0  # distance of the lines over rows between scanned rows: none is mistaken for the next
+)
+_MOST_STEP = 4
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
 _FILTER = 1.4  # of the line's deviation: near the optimum for shot noise, and good for read noise
@@ -76,25 +79,35 @@ def contrast_of(image: Any, bits: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def line_width(image: Any, transposed: Any, contrast: float) -> float:
-    """Standard deviation of the lines' cross profile, pixels, from some rows and columns; 0 without lines.
+def line_width(image: Any, transposed: Any, contrast: float) -> tuple[float, float, float]:
+    """Standard deviation of the lines' cross profile, and how close steep and flat lines stand, pixels.
 
-    A ridge that lies aslant shows too wide, so of each direction the narrow half counts.
+    From some rows and columns; 0 without lines. A ridge that lies aslant shows too wide, so of each direction
+    the narrow half counts. Only a tenth of the neighbours stand closer than the stated distances.
     """
     weights = ridges.derivative_weights(_PROBE_SIGMA)
     narrowest = np.inf
+    spacing = np.full(2, np.inf)
     for direction in range(2):
-        table, _ = ridges.scan_rows(transposed if direction else image, 3, weights, contrast, _PROBE_STEP)
+        table, rows = ridges.scan_rows(transposed if direction else image, 3, weights, contrast, _PROBE_STEP)
         if table.shape[0] >= 8:
             shown = np.sort(table[:, WIDTH2])
             narrowest = min(narrowest, shown[int(0.4 * (shown.size - 1))])
+        gaps = np.empty(table.shape[0])
+        n = 0
+        for j in range(rows.size - 1):
+            for i in range(rows[j] + 1, rows[j + 1]):
+                gaps[n] = table[i, X] - table[i - 1, X]
+                n += 1
+        if n >= 8:
+            spacing[direction] = np.sort(gaps[:n])[n // 10]
     if narrowest == np.inf:
-        return 0.0
+        return 0.0, spacing[0], spacing[1]
     # A Gaussian line of deviation s shows WIDTH2 = (s² + p²)^1.5 / s under a probe of deviation p.
     s = _PROBE_SIGMA / math.sqrt(2.0)
     while s < 15.0 and (s * s + _PROBE_SIGMA**2) ** 1.5 / s < narrowest:
         s += 0.02
-    return s
+    return s, spacing[0], spacing[1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -106,22 +119,6 @@ def _take(table: Array, rows: Index) -> Array:
         for k in range(table.shape[1]):
             target[k] = source[k]
     return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _trace(image: Any, width: float, contrast: float, step: int) -> tuple[Array, Index, Array]:
-    """Chains of one scan direction: ridge table in chain order, first row of each, slopes."""
-    weights = ridges.derivative_weights(min(max(_FILTER * width, 1.0), 9.0))
-    table, rows = ridges.scan_rows(image, max(2, round(1.6 * width)), weights, contrast, step)
-    shortest = max(12.0, 4.0 * width)
-    gap = max(6.0, 3.0 * width)
-    order, starts = ridges.link_rows(
-        table, rows, step, _GATE, math.ceil(gap / step), max(4, int(shortest / step))
-    )
-    # A crossing line may hide the ridge for several widths.
-    order, starts = ridges.join_chains(table, order, starts, 12.0 * width + 4.0 * step, _GATE)
-    linked = _take(table, order)
-    return linked, starts, chains.chain_slopes(linked, starts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -139,7 +136,36 @@ def _serves(table: Array, slope: Array, along_x: float, along_y: float, least: f
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def centre_deviation(table: Array, starts: Index, step: int) -> Array:
+def _trace(
+    image: Any, width: float, spacing: float, contrast: float, along_x: float, along_y: float, least: float
+) -> tuple[Array, Index, Array, int]:
+    """Chains of one scan direction: ridge table in chain order, first row of each, slopes, rows per point.
+
+    Where lines stand apart, some rows show their course; every row is looked at along lines worth it.
+    """
+    weights = ridges.derivative_weights(min(max(_FILTER * width, 1.0), 9.0))
+    box = max(2, round(1.6 * width))
+    step = int(min(max(spacing / _SPACING_PER_STEP, 1.0), _MOST_STEP))
+    if abs(along_x) < abs(along_y):
+        step *= 2  # hardly worth more
+    table, rows = ridges.scan_rows(image, box, weights, contrast, step)
+    shortest = max(12.0, 4.0 * width)
+    gap = max(6.0, 3.0 * width)
+    order, starts = ridges.link_rows(
+        table, rows, step, _GATE, math.ceil(gap / step), max(4, int(shortest / step))
+    )
+    # A crossing line may hide the ridge for several widths.
+    order, starts = ridges.join_chains(table, order, starts, 12.0 * width + 4.0 * step, _GATE)
+    linked = _take(table, order)
+    slope = chains.chain_slopes(linked, starts)
+    if step > 1 and _serves(linked, slope, along_x, along_y, least):
+        linked, starts = follow(image, box, weights, contrast, step, linked, starts)
+        return linked, starts, chains.chain_slopes(linked, starts), 1
+    return linked, starts, slope, step
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def centre_deviation(table: Array, starts: Index) -> Array:
     """Standard deviation of each centre along its row, pixels.
 
     Second differences along the lines show the noise itself. The variance of a centre is
@@ -152,7 +178,7 @@ def centre_deviation(table: Array, starts: Index, step: int) -> Array:
     lo, hi, count = np.inf, -np.inf, 0
     for c in range(starts.size - 1):
         for i in range(starts[c] + 1, starts[c + 1] - 1):
-            if table[i + 1, Y] - table[i - 1, Y] == 2.0 * step:
+            if table[i + 1, Y] - table[i - 1, Y] == 2.0:
                 second = table[i + 1, X] - 2.0 * table[i, X] + table[i - 1, X]
                 residual[i] = abs(second) / _SECOND_DIFFERENCE * table[i, STRENGTH]
                 lo, hi = min(lo, table[i, LEVEL]), max(hi, table[i, LEVEL])
@@ -205,7 +231,6 @@ def _clean(
     table: Array,
     starts: Index,
     slope: Array,
-    step: int,
     other: Array,
     other_starts: Index,
     other_slope: Array,
@@ -213,6 +238,8 @@ def _clean(
     width: float,
     flat: bool,
     points: Array,
+    tangents: Array,
+    noise: Array,
     offset: int,
     line_starts: Index,
     line: int,
@@ -233,19 +260,19 @@ def _clean(
         kept_starts[c + 1] = kept_starts[c] + count
     lean = chains.chain_slopes(kept, kept_starts)
     chains.take_off_light_shift(kept, kept_starts, lean, width)
-    sigma = centre_deviation(kept, kept_starts, step)
+    sigma = centre_deviation(kept, kept_starts)
     room = points.shape[0] - offset
     count = min(kept.shape[0], room)
     first, second = (1, 0) if flat else (0, 1)
     for i in range(count):
         along = math.sqrt(1.0 + lean[i] * lean[i])
-        row = points[offset + i]
-        row[first] = kept[i, X]
-        row[second] = kept[i, Y]
-        row[2 + first] = lean[i] / along
-        row[2 + second] = 1.0 / along
-        row[SIGMA] = sigma[i] / along
-        row[POINT_STRENGTH] = kept[i, STRENGTH]
+        k = offset + i
+        points[k, first] = kept[i, X]
+        points[k, second] = kept[i, Y]
+        tangents[k, first] = lean[i] / along
+        tangents[k, second] = 1.0 / along
+        noise[SIGMA, k] = sigma[i] / along
+        noise[POINT_STRENGTH, k] = kept[i, STRENGTH]
     for c in range(starts.size - 1):
         line_starts[line + c + 1] = offset + min(kept_starts[c + 1], room)
     return int(offset + count)
@@ -259,6 +286,8 @@ def _extract(
     along: Array,
     least_sine: float,
     points: Array,
+    tangents: Array,
+    noise: Array,
     line_starts: Index,
     crosses: Array,
     counts: Index,
@@ -267,36 +296,49 @@ def _extract(
     counts[:] = 0
     line_starts[0] = 0
     contrast = contrast_of(image, bits)
-    width = line_width(image, transposed, contrast)
+    width, steep_spacing, flat_spacing = line_width(image, transposed, contrast)
     if width == 0.0:
         return
-    # A first look at every eighth row tells which direction is worth every row.
-    steep, steep_starts, steep_slope = _trace(image, width, contrast, _COARSE)
-    flat, flat_starts, flat_slope = _trace(transposed, width, contrast, _COARSE)
-    steep_step = flat_step = _COARSE
-    if _serves(steep, steep_slope, along[0], along[1], least_sine):
-        steep, steep_starts, steep_slope = _trace(image, width, contrast, 1)
-        steep_step = 1
-    if _serves(flat, flat_slope, along[1], along[0], least_sine):
-        flat, flat_starts, flat_slope = _trace(transposed, width, contrast, 1)
-        flat_step = 1
+    steep, steep_starts, steep_slope, steep_step = _trace(
+        image, width, steep_spacing, contrast, along[0], along[1], least_sine
+    )
+    flat, flat_starts, flat_slope, flat_step = _trace(
+        transposed, width, flat_spacing, contrast, along[1], along[0], least_sine
+    )
     shape = (image.shape[0], image.shape[1])
     steep_lines, flat_lines = steep_starts.size - 1, flat_starts.size - 1
     if steep_lines + flat_lines + 1 > line_starts.size:
         return
-    n = _clean(
-        steep, steep_starts, steep_slope, steep_step, flat, flat_starts, flat_slope,
-        shape, width, False, points, 0, line_starts, 0,
-    )  # fmt: skip
-    n = _clean(
-        flat, flat_starts, flat_slope, flat_step, steep, steep_starts, steep_slope,
-        (shape[1], shape[0]), width, True, points, n, line_starts, steep_lines,
-    )  # fmt: skip
+    n = 0
+    line_starts[1 : steep_lines + flat_lines + 1] = 0
+    if steep_step == 1:
+        n = _clean(
+            steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
+            shape, width, False, points, tangents, noise, 0, line_starts, 0,
+        )  # fmt: skip
+    line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
+    if flat_step == 1:
+        n = _clean(
+            flat, flat_starts, flat_slope, steep, steep_starts, steep_slope,
+            (shape[1], shape[0]), width, True, points, tangents, noise, n, line_starts, steep_lines,
+        )  # fmt: skip
     counts[POINTS] = n
     counts[LINES] = steep_lines + flat_lines
     counts[STEEP_LINES] = steep_lines
     counts[CROSSES] = find_crosses(steep, steep_starts, flat, flat_starts, width, crosses)
     counts[MILLIWIDTH] = round(1000.0 * width)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def level_share(image: Any, points: Array, top: int) -> float:
+    """Share of the points (N, 2) whose pixel reaches the level `top`, or, for −1, the highest among them."""
+    n = points.shape[0]
+    levels = np.empty(n, np.int64)
+    for i in range(n):
+        levels[i] = image[round(points[i, 1]), round(points[i, 0])]
+    if n == 0:
+        return 0.0
+    return float(np.sum(levels >= (levels.max() if top < 0 else top)) / n)
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
@@ -307,6 +349,8 @@ def extract_all(
     along: Array,
     least_sine: float,
     points: Array,
+    tangents: Array,
+    noise: Array,
     line_starts: Index,
     crosses: Array,
     counts: Index,
@@ -321,15 +365,16 @@ def extract_all(
         8 or 16.
     along
         (n, 2) direction, in each image, of the epipolar lines; (0, 0) where unknown. Lines nearly parallel
-        to it cannot be matched and are scanned coarsely: they still show what they disturb, and crosses.
+        to it cannot be matched and are looked at in some rows only: they show crosses and what they disturb,
+        and yield no points.
     least_sine
         Of the angle between a line and the epipolar lines for a line to be worth every row.
-    points, line_starts, crosses, counts
+    points, tangents, noise, line_starts, crosses, counts
         Work space and result, one layer an image; see the column names of this module.
     """
     for index in prange(len(images)):
         k = np.int64(index)
         _extract(
             images[k], transposed[k], bits, along[k], least_sine,
-            points[k], line_starts[k], crosses[k], counts[k],
+            points[k], tangents[k], noise[k], line_starts[k], crosses[k], counts[k],
         )  # fmt: skip

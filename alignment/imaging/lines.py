@@ -77,7 +77,7 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
         (height, width), all 8 or all 16 bit, one channel.
     along
         (n, 2) direction in each image, x and y, of the epipolar lines where they are known. Lines nearly
-        parallel to it are scanned at every eighth pixel only.
+        parallel to it have no points: they are looked at in some rows only, for the crosses.
 
     Returns
     -------
@@ -87,7 +87,12 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
     n = len(images)
     kind: DTypeLike = np.uint8 if all(image.dtype == np.uint8 for image in images) else np.uint16
     same = [np.ascontiguousarray(image, dtype=kind) for image in images]
-    points = np.empty((n, extraction.MAX_POINTS, extraction.POINT_COLUMNS))
+    # One large block: the C library keeps as much memory as the largest block it has seen freed, and fresh
+    # pages would cost more than the whole search. Pages that stay unused cost nothing.
+    block = np.empty((3, n * extraction.MAX_POINTS, 2))
+    points = block[0].reshape(n, extraction.MAX_POINTS, 2)
+    tangents = block[1].reshape(n, extraction.MAX_POINTS, 2)
+    noise = block[2].reshape(n, 2, extraction.MAX_POINTS)
     starts = np.empty((n, extraction.MAX_LINES), np.int64)
     crosses = np.empty((n, extraction.MAX_CROSSES, extraction.CROSS_COLUMNS))
     counts = np.empty((n, 5), np.int64)
@@ -98,25 +103,32 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
         np.zeros((n, 2)) if along is None else np.ascontiguousarray(along, dtype=np.float64),
         LEAST_SINE,
         points,
+        tangents,
+        noise,
         starts,
         crosses,
         counts,
     )
-    return [_lines(points[k], starts[k], crosses[k], counts[k]) for k in range(n)]
+    return [
+        _lines(*tables, *numbers)
+        for *tables, numbers in zip(points, tangents, noise, starts, crosses, counts, strict=True)
+    ]
 
 
-def _lines(points: Array, starts: Index, crosses: Array, counts: Index) -> LightLines | None:
-    if counts[extraction.MILLIWIDTH] == 0:
+def _lines(
+    points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array,
+    number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int,
+) -> LightLines | None:  # fmt: skip
+    if milliwidth == 0:
         return None
-    table = points[: counts[extraction.POINTS]]
-    found = crosses[: counts[extraction.CROSSES]]
-    numbers = found[:, 2:4].astype(np.int64) + np.array([0, counts[extraction.STEEP_LINES]])
+    found = crosses[:meetings]
+    meet = found[:, 2:4].astype(np.int64) + np.array([0, steep_lines])
     return LightLines(
-        points=np.ascontiguousarray(table[:, :2]),
-        tangents=np.ascontiguousarray(table[:, 2:4]),
-        sigma=np.ascontiguousarray(table[:, extraction.SIGMA]),
-        strength=np.ascontiguousarray(table[:, extraction.POINT_STRENGTH]),
-        starts=starts[: counts[extraction.LINES] + 1].copy(),
-        width=counts[extraction.MILLIWIDTH] / 1000.0,
-        crosses=Crosses(found[:, :2].copy(), numbers, found[:, 4:6].copy()),
+        points=points[:number],
+        tangents=tangents[:number],
+        sigma=noise[0, :number],
+        strength=noise[1, :number],
+        starts=starts[: lines + 1],
+        width=milliwidth / 1000.0,
+        crosses=Crosses(found[:, :2].copy(), meet, found[:, 4:6].copy()),
     )

@@ -43,7 +43,7 @@ def derivative_weights(sigma: float) -> NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
+def zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
     """Zero in [0, 1] of the cubic through (−1, a), (0, b), (1, c), (2, d), with b > 0 ≥ c."""
     t = b / (b - c)
     c3 = (d - a) / 6.0 + (b - c) / 2.0
@@ -173,7 +173,7 @@ def scan_rows(
                 a, d = response[x - 1], response[x + 2]
                 slope = float(b - c)
                 out = table[n]
-                out[X] = lo + x + _zero_of_cubic(float(a), float(b), float(c), float(d))
+                out[X] = lo + x + zero_of_cubic(float(a), float(b), float(c), float(d))
                 out[Y] = y
                 out[STRENGTH] = slope
                 out[LEVEL] = centre

@@ -82,19 +82,24 @@ def _match(
     zmax: float,
     flattest: float,
     bridge: float,
-    values: Array,
+    points: Array,
+    rays: Array,
+    sigma: Array,
     indices: Index,
 ) -> tuple[int, int]:
-    """Candidates into the rows of `values` and `indices`; how many, and how many points were offered."""
-    capacity = values.shape[0]
+    """Candidates into the rows of the last four; how many, and how many points were offered."""
+    capacity = points.shape[0]
     n = 0
     offered = 0
     rows = right_starts.size - 1
     pointer = np.empty(rows, np.int64)
     lowest, highest = np.full(rows, np.inf), np.full(rows, -np.inf)
+    leftmost, rightmost = np.full(rows, np.inf), np.full(rows, -np.inf)
     for b in range(rows):
         for j in range(right_starts[b], right_starts[b + 1]):
             if right_sine[j] >= flattest:
+                leftmost[b] = min(leftmost[b], right[j, 0])
+                rightmost[b] = max(rightmost[b], right[j, 0])
                 lowest[b] = min(lowest[b], right[j, 1])
                 highest[b] = max(highest[b], right[j, 1])
     for a in range(left_starts.size - 1):
@@ -116,7 +121,7 @@ def _match(
                 continue
             dmin, dmax = baseline / far, baseline / near
             for b in range(rows):
-                if v < lowest[b] or v > highest[b]:
+                if v < lowest[b] or v > highest[b] or u - rightmost[b] > dmax or u - leftmost[b] < dmin:
                     continue
                 first, last = right_starts[b], right_starts[b + 1] - 1
                 if last <= first:
@@ -149,13 +154,13 @@ def _match(
                 z = baseline / disparity
                 su = left_sigma[i] / left_sine[i]
                 sr = right_sigma[j] / right_sine[j]
-                row, index = values[n], indices[n]
-                row[0] = origin[0] + dx * z
-                row[1] = origin[1] + dy * z
-                row[2] = origin[2] + dz * z
-                row[3], row[4], row[5] = dx / norm, dy / norm, dz / norm
-                row[6] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
-                index[0], index[1], index[2] = i, a, j
+                point, ray = points[n], rays[n]
+                point[0] = origin[0] + dx * z
+                point[1] = origin[1] + dy * z
+                point[2] = origin[2] + dz * z
+                ray[0], ray[1], ray[2] = dx / norm, dy / norm, dz / norm
+                sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
+                indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
     return n, offered
 
@@ -173,23 +178,29 @@ def _match_all(
     depth_range: tuple[float, float],
     flattest: float,
     bridge: Array,
-    values: Array,
+    points: Array,
+    rays: Array,
+    sigma: Array,
     indices: Index,
     counts: Index,
 ) -> None:
-    """All heads, one a core; images 2k and 2k + 1 are the left and the right one of head k."""
-    for head in prange(len(pixels) // 2):
+    """All heads; images 2k and 2k + 1 are the left and the right one of head k."""
+    images = len(pixels)
+    longest = 0
+    for k in range(images):
+        longest = max(longest, pixels[k].shape[0])
+    uv, sine = np.empty((images, longest, 2)), np.empty((images, longest))
+    for index in prange(images):
+        i = np.int64(index)
+        rectify(pixels[i], packed[i], turns[i], uv[i])
+        _line_slopes(uv[i], starts[i], sine[i])
+    for head in prange(images // 2):
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
-        uv_left, _ = rectify(pixels[left], packed[left], turns[left])
-        uv_right, _ = rectify(pixels[right], packed[right], turns[right])
-        sine_left, sine_right = np.zeros(uv_left.shape[0]), np.zeros(uv_right.shape[0])
-        _line_slopes(uv_left, starts[left], sine_left)
-        _line_slopes(uv_right, starts[right], sine_right)
         counts[head, 0], counts[head, 1] = _match(
-            uv_left, starts[left], sine_left, sigmas[left],
-            uv_right, starts[right], sine_right, sigmas[right],
+            uv[left], starts[left], sine[left], sigmas[left],
+            uv[right], starts[right], sine[right], sigmas[right],
             rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
-            flattest, bridge[head], values[head], indices[head],
+            flattest, bridge[head], points[head], rays[head], sigma[head], indices[head],
         )  # fmt: skip
 
 
@@ -219,8 +230,9 @@ def match_heads(
     cameras = [camera for head in heads for camera in head.cameras]
     focal = np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras])
     capacity = 4 * max(len(each.points) for each in every) + 1024
-    values = np.empty((len(heads), capacity, 7))
-    indices = np.empty((len(heads), capacity, 3), np.int64)
+    points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
+    sigma = np.empty((len(heads), capacity))
+    indices = np.empty((len(heads), 3, capacity), np.int64)
     counts = np.zeros((len(heads), 2), np.int64)
     _match_all(
         List([each.points for each in every]),
@@ -240,21 +252,23 @@ def match_heads(
         (float(depth_range[0]), float(depth_range[1])),
         LEAST_SINE,
         _BRIDGE_PX / focal[::2],
-        values,
+        points,
+        rays,
+        sigma,
         indices,
         counts,
     )
     return [
         Candidates(
-            points=np.ascontiguousarray(row[:n, :3]),
-            sigma=row[:n, 6].copy(),
-            rays=np.ascontiguousarray(row[:n, 3:6]),
-            left_point=index[:n, 0].copy(),
-            left_line=index[:n, 1].copy(),
-            right_point=index[:n, 2].copy(),
+            points=points[k, :n],
+            sigma=sigma[k, :n],
+            rays=rays[k, :n],
+            left_point=indices[k, 0, :n],
+            left_line=indices[k, 1, :n],
+            right_point=indices[k, 2, :n],
             offered=int(offered),
         )
-        for row, index, (n, offered) in zip(values, indices, counts, strict=True)
+        for k, (n, offered) in enumerate(counts)
     ]
 
 

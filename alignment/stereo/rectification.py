@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.distortion import unproject_pixel
+from alignment.geometry.distortion import unproject_near
 from alignment.kernels import njit
 from alignment.values import RigCalibration
 
 Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-4  # of Newton's step, radians; what is left is a hundred-thousandth of a pixel
+_STRIDE = 8  # points that start from the same neighbour, so that they need not wait for each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +66,30 @@ class Rectification:
     def coordinates(self, camera: PosedCamera, pixels: Array) -> tuple[Array, int]:
         """Rectified (u, v) of pixels (N, 2), and how many pixels the lens model cannot invert."""
         turn = self.rectified_from_rig @ camera.rig_from_camera.rotation
-        uv: Array
-        uv, bad = rectify(np.ascontiguousarray(pixels), camera.model.packed(), turn)
+        uv = np.empty((len(pixels), 2))
+        bad = rectify(np.ascontiguousarray(pixels), camera.model.packed(), turn, uv)
         return uv, int(bad)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def rectify(pixels: Array, packed: Array, turn: Array) -> tuple[Array, int]:
-    """Rectified (u, v) of pixels (N, 2) of a packed camera; `turn` rotates camera to rectified axes."""
-    out = np.empty((pixels.shape[0], 2))
+def rectify(pixels: Array, packed: Array, turn: Array, out: Array) -> int:
+    """Rectified (u, v) of pixels (N, 2) of a packed camera into the first rows of `out`.
+
+    `turn` rotates camera to rectified axes. Returns how many pixels the lens model cannot invert. Quick where
+    neighbours in the list are neighbours in the image: the distortion of one starts the next.
+    """
     bad = 0
+    aside_x = aside_y = 0.0
     for i in range(pixels.shape[0]):
-        x, y, ok = unproject_pixel(pixels[i, 0], pixels[i, 1], packed)
+        x, y, ok, dx, dy = unproject_near(pixels[i, 0], pixels[i, 1], packed, aside_x, aside_y, _TOLERANCE)
+        if i % _STRIDE == 0:
+            aside_x, aside_y = dx, dy
         z = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2]
-        out[i, 0] = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) / z
-        out[i, 1] = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) / z
+        scale = 1.0 / z
+        out[i, 0] = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2]) * scale
+        out[i, 1] = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2]) * scale
         bad += not (ok and z > 0.0)
-    return out, bad
+    return bad
 
 
 def epipolar_directions(calibration: RigCalibration) -> Array:

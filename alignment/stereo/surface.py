@@ -56,8 +56,24 @@ def _solve3(a: Array, b: Array) -> tuple[float, float, float, bool]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _grow(points: Array, group: Index, start: Array, gate: float, slope_limit: float) -> tuple[Array, float]:
-    """Refine a plane on the nearest candidate of each group; the score counts groups by biweight."""
+def _known(plane: Array, planes: Array, reach: float) -> bool:
+    """Tell whether one of the planes (P, 3) is nearly the same within `reach` of the origin."""
+    for k in range(planes.shape[0]):
+        away = abs(planes[k, 0] - plane[0])
+        away += reach * (abs(planes[k, 1] - plane[1]) + abs(planes[k, 2] - plane[2]))
+        if away < _SAME_PLANE:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grow(
+    points: Array, group: Index, start: Array, gate: float, slope_limit: float, planes: Array, reach: float
+) -> tuple[Array, float]:
+    """Refine a plane on the nearest candidate of each group; the score counts groups by biweight.
+
+    The score is 0 for a plane that is none, and for one that comes to one of the known planes.
+    """
     plane = start.copy()
     score = 0.0
     n = points.shape[0]
@@ -95,6 +111,8 @@ def _grow(points: Array, group: Index, start: Array, gate: float, slope_limit: f
             return plane, 0.0
         moved = abs(p - plane[0]) + 300.0 * (abs(q - plane[1]) + abs(r - plane[2]))
         plane[0], plane[1], plane[2] = p, q, r
+        if iteration > 1 and _known(plane, planes, reach):
+            return plane, 0.0
         if iteration > 2 and moved < 0.1:
             break
     return plane, score
@@ -151,13 +169,10 @@ def _grow_all(
     for z in heights:
         for tx in tilts:
             for ty in tilts:
-                plane, score = _grow(points, group, np.array([z, tx, ty]), gate, slope_limit)
-                known = score <= 0.0
-                for k in range(found):
-                    away = abs(planes[k, 0] - plane[0])
-                    away += reach * (abs(planes[k, 1] - plane[1]) + abs(planes[k, 2] - plane[2]))
-                    known = known or away < _SAME_PLANE
-                if not known:
+                plane, score = _grow(
+                    points, group, np.array([z, tx, ty]), gate, slope_limit, planes[:found], reach
+                )
+                if score > 0.0:
                     planes[found] = plane
                     scores[found] = score
                     found += 1

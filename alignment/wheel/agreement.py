@@ -7,16 +7,63 @@ the patch explains it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.kernels import njit
 from alignment.wheel.revolution import RevolutionFit
+from alignment.wheel.revolution_kernels import slope_of_profile
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _RING = 2.0  # mm; width of the rings whose mean height is left free, which stands for the profile
-_MOST = 4000  # points; more tell nothing new
+_MOVES = 5  # a patch may rise, lean two ways, and shift two ways along the slope of the sidewall
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sums(
+    points: Array,
+    weights: Array,
+    residuals: Array,
+    head: Index,
+    heads: int,
+    centre: Array,
+    frame: Array,
+    start: float,
+    step: float,
+    profile: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """Weighted sums of the moves m and residuals r.
+
+    Per head Σ w m mᵀ (H, 5, 5) and Σ w m r (H, 5); per ring and head Σ w m (R, H, 5), whose first entry is
+    Σ w, and Σ w r (R, H).
+    """
+    rings = int(step * profile.size / _RING) + 2
+    square, right = np.zeros((heads, _MOVES, _MOVES)), np.zeros((heads, _MOVES))
+    ring_moves, ring_right = np.zeros((rings, heads, _MOVES)), np.zeros((rings, heads))
+    move = np.ones(_MOVES)
+    for i in range(points.shape[0]):
+        w = weights[i]
+        if w <= 0.0:
+            continue
+        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
+        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
+        rho = math.sqrt(x * x + y * y)
+        outward = slope_of_profile(rho, start, step, profile) / rho
+        move[1], move[2], move[3], move[4] = x, y, outward * x, outward * y
+        h, ring = head[i], int((rho - start) / _RING)
+        ring_right[ring, h] += w * residuals[i]
+        for a in range(_MOVES):
+            wa = w * move[a]
+            ring_moves[ring, h, a] += wa
+            right[h, a] += wa * residuals[i]
+            for b in range(_MOVES):
+                square[h, a, b] += wa * move[b]
+    return square, right, ring_moves, ring_right
 
 
 def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> Array:
@@ -36,33 +83,30 @@ def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> 
     fit
         The result.
     """
-    used = np.flatnonzero(fit.weights > 0)
-    used = used[:: max(1, len(used) // _MOST)]
-    weight, head = fit.weights[used], head[used]
-    # Sums without BLAS: its threads would spin on and take the cores from the next images.
-    x, y = np.einsum("ni,ai->an", points[used] - fit.centre, fit.tilt_axes)
-    radius = np.hypot(x, y)
-    # Spline coefficient k stands at knot k − 1; their differences are slopes halfway between.
-    knots = fit.knots_start + fit.knots_step * (np.arange(len(fit.profile) - 1) - 0.5)
-    slope = np.interp(radius, knots, np.diff(fit.profile) / fit.knots_step) / radius
-    ring = ((radius - radius.min()) / _RING).astype(np.int64)
-    total = np.maximum(np.bincount(ring, weight), 1e-12)
-
-    def without_rings(values: Array) -> Array:
-        means: Array = np.bincount(ring, weight * values) / total
-        return np.asarray(values - means[ring], dtype=np.float64)
-
-    # A patch may rise, lean two ways, and shift two ways along the slope of the sidewall.
-    moves = (np.ones_like(x), x, y, slope * x, slope * y)
-    design = np.column_stack([without_rings((head == k) * move) for k in range(heads) for move in moves])
-    design /= np.maximum(np.abs(design).max(axis=0), 1e-12)
-    residuals = without_rings(fit.residuals[used])
-    weighted = design * weight[:, None]
-    normal = np.einsum("ni,nj->ij", weighted, design)
-    right = np.einsum("ni,n->i", weighted, residuals)
+    square, right, ring_moves, ring_right = _sums(
+        points, fit.weights, fit.residuals, head, heads, fit.centre, fit.tilt_axes, fit.knots_start,
+        fit.knots_step, fit.profile,
+    )  # fmt: skip
+    weight = ring_moves[:, :, 0]
+    total = np.maximum(weight.sum(axis=1), 1e-12)
+    # The mean of each ring is free: take its part off the sums. Small sums without BLAS, whose threads would
+    # spin on and take the cores from the next images.
+    size = heads * _MOVES
+    of_ring = ring_moves.reshape(len(total), size)
+    normal = -np.einsum("ri,rj->ij", of_ring / total[:, None], of_ring)
+    target = right.reshape(size) - np.einsum("ri,r->i", of_ring, ring_right.sum(axis=1) / total)
+    for k in range(heads):
+        mine = slice(k * _MOVES, (k + 1) * _MOVES)
+        normal[mine, mine] += square[k]
+    unit = np.sqrt(np.maximum(np.einsum("kaa->ka", square).reshape(size), 1e-30))
     # What all heads do together is the axis, which the fit has found already: it has no value here.
-    amounts = np.linalg.pinv(normal, rcond=1e-6, hermitian=True) @ right
-    explained = np.einsum("ni,i->n", design, amounts)
-    square = np.bincount(head, weight * explained**2, heads)
-    out: Array = np.sqrt(square / np.maximum(np.bincount(head, weight, heads), 1e-12))
+    inverse = np.linalg.pinv(normal / np.outer(unit, unit), rcond=1e-6, hermitian=True)
+    amounts = (np.einsum("ij,j->i", inverse, target / unit) / unit).reshape(heads, _MOVES)
+    mean = np.einsum("rka,ka->r", ring_moves, amounts) / total
+    explained = (
+        np.einsum("kab,ka,kb->k", square, amounts, amounts)
+        - 2.0 * np.einsum("rka,ka,r->k", ring_moves, amounts, mean)
+        + np.einsum("rk,r->k", weight, mean**2)
+    )
+    out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight.sum(axis=0), 1e-12))
     return out

@@ -14,6 +14,8 @@ Index = NDArray[np.int64]
 
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 FEWEST = 50  # points within the profile for a fit
+_SIXTH = 1.0 / 6.0
+_MEDIAN_POINTS = 2000  # make a start profile
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -21,10 +23,10 @@ def _basis(t: float) -> tuple[float, float, float, float]:
     s = 1.0 - t
     t2, t3 = t * t, t * t * t
     return (
-        s * s * s / 6.0,
-        (3.0 * t3 - 6.0 * t2 + 4.0) / 6.0,
-        (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) / 6.0,
-        t3 / 6.0,
+        s * s * s * _SIXTH,
+        (3.0 * t3 - 6.0 * t2 + 4.0) * _SIXTH,
+        (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) * _SIXTH,
+        t3 * _SIXTH,
     )
 
 
@@ -32,6 +34,16 @@ def _basis(t: float) -> tuple[float, float, float, float]:
 def _basis_slope(t: float) -> tuple[float, float, float, float]:
     s = 1.0 - t
     return -0.5 * s * s, 0.5 * (3.0 * t * t - 4.0 * t), 0.5 * (-3.0 * t * t + 2.0 * t + 1.0), 0.5 * t * t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def slope_of_profile(radius: float, start: float, step: float, profile: Array) -> float:
+    """Slope of the profile at a radius, that of its end beyond it."""
+    g = (radius - start) / step
+    k = min(max(int(np.floor(g)), 0), profile.size - 4)
+    s0, s1, s2, s3 = _basis_slope(min(max(g - k, 0.0), 1.0))
+    rise = s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]
+    return float(rise / step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -68,13 +80,14 @@ def rows(
     first: Index,
 ) -> None:
     """Residual, change along the ray, derivatives (4 axis, 4 spline), first spline index of each point."""
+    per_step = 1.0 / step
     for i in range(points.shape[0]):
         qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
         x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
         y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
         h = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
         rho = np.sqrt(x * x + y * y)
-        g = (rho - start) / step
+        g = (rho - start) * per_step
         k = int(np.floor(g))
         if k < 0 or k + 3 >= profile.size or rho < 1.0:
             first[i] = -1
@@ -83,25 +96,27 @@ def rows(
         b0, b1, b2, b3 = _basis(g - k)
         s0, s1, s2, s3 = _basis_slope(g - k)
         f = b0 * profile[k] + b1 * profile[k + 1] + b2 * profile[k + 2] + b3 * profile[k + 3]
-        df = (s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]) / step
+        df = (s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]) * per_step
         values[i] = h - f
         rx = frame[0, 0] * rays[i, 0] + frame[0, 1] * rays[i, 1] + frame[0, 2] * rays[i, 2]
         ry = frame[1, 0] * rays[i, 0] + frame[1, 1] * rays[i, 1] + frame[1, 2] * rays[i, 2]
         rh = frame[2, 0] * rays[i, 0] + frame[2, 1] * rays[i, 1] + frame[2, 2] * rays[i, 2]
-        gain[i] = abs(rh - df * (x * rx + y * ry) / rho)
-        tilt = 1.0 + df * h / rho
-        jacobian[i, 0] = x * tilt
-        jacobian[i, 1] = y * tilt
-        jacobian[i, 2] = df * x / rho
-        jacobian[i, 3] = df * y / rho
-        jacobian[i, 4], jacobian[i, 5], jacobian[i, 6], jacobian[i, 7] = -b0, -b1, -b2, -b3
+        outward = df / rho
+        gain[i] = abs(rh - outward * (x * rx + y * ry))
+        tilt = 1.0 + outward * h
+        row = jacobian[i]
+        row[0] = x * tilt
+        row[1] = y * tilt
+        row[2] = outward * x
+        row[3] = outward * y
+        row[4], row[5], row[6], row[7] = -b0, -b1, -b2, -b3
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(
     values: Array, weight: Array, jacobian: Array, first: Index, knots: int
 ) -> tuple[Array, Array, Array, Array]:
-    """Axis block (4, 4), axis–profile block (4, K), lower band (4, K) of the profile block, right side."""
+    """Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, right side."""
     corner = np.zeros((AXIS, AXIS))
     side = np.zeros((knots, AXIS))
     band = np.zeros((knots, 4))
@@ -126,7 +141,7 @@ def normal_equations(
     for a in range(AXIS):
         for b in range(a):
             corner[b, a] = corner[a, b]
-    return corner, side.T.copy(), band.T.copy(), right
+    return corner, side, band, right
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -138,21 +153,33 @@ def cluster_pulls(
     cluster: Index,
     clusters: int,
     solution: Array,
-) -> Array:
-    """Pull (clusters, m) of each cluster's residuals, by columns (4 + K, m) of the inverse."""
+) -> tuple[Array, int]:
+    """Sum of the squared pulls (m, m) of the clusters' residuals, by columns (4 + K, m) of the inverse.
+
+    Also the number of clusters with weight.
+    """
     columns = solution.shape[1]
-    out = np.zeros((clusters, columns))
+    pull = np.zeros((clusters, columns))
+    used = np.zeros(clusters, np.bool_)
     for i in range(values.size):
         w = weight[i] * values[i]
         if weight[i] <= 0.0:
             continue
         c, k = cluster[i], AXIS + first[i]
+        used[c] = True
         for m in range(columns):
             total = 0.0
             for a in range(AXIS):
                 total += jacobian[i, a] * solution[a, m] + jacobian[i, a + AXIS] * solution[k + a, m]
-            out[c, m] += w * total
-    return out
+            pull[c, m] += w * total
+    out = np.zeros((columns, columns))
+    count = 0
+    for c in range(clusters):
+        count += used[c]
+        for m in range(columns):
+            for n in range(columns):
+                out[m, n] += pull[c, m] * pull[c, n]
+    return out, count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -161,7 +188,7 @@ def local_medians(
 ) -> tuple[float, Array]:
     """First knot, and the median height around each; a knot without points takes that of the one before."""
     n = points.shape[0]
-    thin = max(1, n // 4000)
+    thin = max(1, n // _MEDIAN_POINTS)
     radius, height = np.empty(n), np.empty(n)
     m = 0
     for i in range(0, n, thin):
