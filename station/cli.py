@@ -17,6 +17,7 @@ from station.commands.calibration import calibration_app
 from station.commands.calibration_frame import simulate_gauge_session_command
 from station.commands.database import db_app
 from station.commands.demo import demo
+from station.commands.export import export
 from station.commands.gauge import gauge_app
 from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
@@ -40,6 +41,7 @@ app.command()(calibrate)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
+app.command()(export)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")
 app.add_typer(gauge_app, name="gauge")

@@ -10,6 +10,7 @@ import typer
 from db.statistics.choices import ChartKind, GrrMethod, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.selection import FromOption, UntilOption
 
 if TYPE_CHECKING:
     from station.quality.gauge_analysis import GaugeReport
@@ -48,11 +49,6 @@ ToleranceOption = Annotated[
         "--tolerance", help="Width of the tolerance, in the unit of the values.", show_default=False
     ),
 ]
-FromOption = Annotated[
-    str | None,
-    typer.Option("--from", help="Beginning, ISO 8601; UTC without a zone.", show_default=False),
-]
-UntilOption = Annotated[str | None, typer.Option("--until", help="End, not included.", show_default=False)]
 ReferenceOption = Annotated[
     float | None,
     typer.Option("--reference", help="Certified value of the master.", show_default=False),

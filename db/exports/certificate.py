@@ -1,0 +1,220 @@
+"""PDF certificate of one vehicle: every angle with its uncertainty, limits, verdict and what explains it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from uuid import UUID
+
+from matplotlib.figure import Figure
+
+from alignment.errors import InputError
+from db.exports.pdf import Document
+from db.exports.rows import AngleRow, angle_rows
+from db.queries import VinHistory
+from db.records import StoredCycle
+
+_OUTCOMES = {
+    "ok": "OK",
+    "nok": "NOT OK",
+    "fault": "NO VERDICT: station fault",
+    "aborted": "NO VERDICT: aborted",
+}
+
+
+def write_vehicle_certificate(
+    path: Path, history: VinHistory, *, created: datetime, cycle: UUID | None = None, source: str = ""
+) -> UUID:
+    """Write the certificate of a vehicle's newest cycle, or of the one given; return its UUID.
+
+    Parameters
+    ----------
+    history
+        Everything stored of the vehicle.
+    created
+        Aware time that stands on the certificate.
+    source
+        The database, as it is shown.
+
+    Raises
+    ------
+    InputError
+        When the vehicle has no cycle, or not this one.
+    OSError
+        When the file cannot be written.
+    """
+    stored = _chosen(history, cycle)
+    record = stored.record
+    rows = list(angle_rows(stored))
+    kind = "" if record.vehicle is None else record.vehicle.vehicle_type
+    document = Document(
+        f"Wheel alignment {history.vin}", f"cycle {record.uuid}    made {_time(created)}", created
+    )
+    document.facts(
+        [
+            ("Vehicle", f"{history.vin}, {kind}"),
+            ("Result", _OUTCOMES[record.outcome] + (f": {record.reason_text}" if record.reason_text else "")),
+            ("Station", record.station),
+            ("Triggered, stored", f"{_time(record.received_utc)}, {_time(stored.stored_utc)}"),
+            ("Software, configuration", f"{record.software_version}, {record.config_hash}"),
+            ("From", source),
+        ]
+    )
+    document.heading("Angles")
+    document.rows(
+        ("angle", "value ± expanded uncertainty", "lower limit", "upper limit", "verdict"),
+        [_angle(row) for row in rows],
+        widths=(34, 26, 14, 14, 12),
+    )
+    if any(row.value_deg is not None and row.low_deg is not None for row in rows):
+        document.picture(tolerance_picture(rows))
+    document.paragraph(
+        "Angles in degrees. Camber is positive when the top leans outboard, toe when the wheel points inward "
+        "in front. The verdict of a wheel, an axle or the vehicle is that of all its angles together"
+        + (
+            "; limits are narrowed by the expanded uncertainty (ISO 14253-1)."
+            if any(row.guard_band for row in rows)
+            else "."
+        )
+    )
+    _explain(document, history, stored)
+    document.save(path)
+    return record.uuid
+
+
+def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
+    """Where each judged angle lies between its limits; bars are expanded uncertainties."""
+    judged = [
+        (row, row.value_deg, row.low_deg, row.high_deg)
+        for row in rows
+        if row.value_deg is not None and row.low_deg is not None and row.high_deg is not None
+    ]
+    figure = Figure(figsize=(8, 0.3 * len(judged) + 1.0), layout="constrained")
+    ax = figure.subplots()
+    ax.axvspan(-1, 1, color="tab:green", alpha=0.12)
+    for line in (-1, 1):
+        ax.axvline(line, color="tab:red", linewidth=1)
+    ax.axvline(0, color="0.7", linewidth=0.8)
+    for number, (row, value, low, high) in enumerate(judged):
+        half = (high - low) / 2
+        at = (value - (high + low) / 2) / half
+        width = (row.coverage_factor or 2.0) * (row.u_deg or 0.0) / half
+        # Far outside the place no longer matters, only the side.
+        shown = min(max(at, -2.2), 2.2)
+        outside = abs(at) > 1
+        ax.errorbar(
+            shown, number, xerr=min(width, 2.0), fmt="D" if outside else "o",
+            color="tab:red" if outside else "tab:blue", capsize=3,
+        )  # fmt: skip
+    ax.set(
+        yticks=range(len(judged)),
+        yticklabels=[_name(row) for row, *_ in judged],
+        xlim=(-2.4, 2.4),
+        xticks=(-1, 0, 1),
+        xticklabels=("lower limit", "middle", "upper limit"),
+    )
+    ax.invert_yaxis()
+    return figure
+
+
+def _chosen(history: VinHistory, cycle: UUID | None) -> StoredCycle:
+    found = [stored for stored in history.cycles if cycle is None or stored.record.uuid == cycle]
+    if not found:
+        raise InputError(
+            field="--vin" if cycle is None else "--cycle",
+            expected=f"a cycle of {history.vin!r}",
+            seen="none" if cycle is None else f"none with UUID {cycle}",
+        )
+    return found[-1]
+
+
+def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> None:
+    record = stored.record
+    document.heading("Wheels")
+    document.rows(
+        ("wheel", "method", "calibration", "points", "residual mm", "reason"),
+        [
+            (
+                wheel.wheel.replace("_", " "),
+                wheel.method or str(wheel.outcome),
+                _calibration(history, wheel.calibration_id),
+                "" if wheel.points_used is None else str(wheel.points_used),
+                "" if wheel.residual_rms_mm is None else f"{wheel.residual_rms_mm:.3f}",
+                wheel.reason_text or "",
+            )
+            for wheel in record.wheels
+        ],
+        widths=(14, 20, 32, 9, 10, 25),
+    )
+    used = {wheel.calibration_id for wheel in record.wheels}
+    checks = [check for check in history.checks if check.calibration_id in used]
+    if checks:
+        document.heading("Checks of these calibrations")
+        document.rows(
+            ("time", "calibration", "against", "outcome"),
+            [
+                (_time(c.utc), c.calibration_id, str(c.kind).replace("_", " "), f"{c.outcome}: {c.reason}")
+                for c in checks[-12:]
+            ],
+            widths=(20, 24, 16, 40),
+        )
+    zero_ids = [wheel.zero_measurement_id for wheel in record.wheels if wheel.zero_measurement_id]
+    zeros = [history.zeros[zero_id] for zero_id in zero_ids if zero_id in history.zeros]
+    if zeros:
+        document.heading("Zero measurements that were subtracted")
+        document.rows(
+            ("time", "rig", "master", "camber, toe measured less certified"),
+            [
+                (
+                    _time(zero.record.measured_utc), zero.record.rig, zero.record.master,
+                    f"{math.degrees(zero.record.camber - zero.record.certified_camber):+.4f}°, "
+                    f"{math.degrees(zero.record.toe - zero.record.certified_toe):+.4f}°",
+                )
+                for zero in zeros
+            ],
+        )  # fmt: skip
+    if history.events:
+        document.heading("Events at the station around the measurement")
+        document.rows(
+            ("time", "kind", "text"),
+            [(_time(e.utc), f"{e.severity} {e.code}", e.text) for e in history.events[:20]],
+            widths=(22, 22, 56),
+        )
+    if len(history.cycles) > 1:
+        document.heading("All cycles of this vehicle")
+        document.rows(
+            ("time", "station", "result", "cycle"),
+            [
+                (_time(c.record.received_utc), c.record.station, str(c.record.outcome), str(c.record.uuid))
+                for c in history.cycles
+            ],
+            widths=(24, 22, 14, 40),
+        )
+
+
+def _angle(row: AngleRow) -> tuple[str, str, str, str, str]:
+    if row.value_deg is None:
+        return _name(row), f"{row.outcome}: {row.reason_text or row.reason_code or ''}", "", "", "–"
+    u = "" if row.u_deg is None else f" ± {(row.coverage_factor or 2.0) * row.u_deg:.4f}"
+    limits = ("" if limit is None else f"{limit:.3f}" for limit in (row.low_deg, row.high_deg))
+    low, high = limits
+    # The verdict is that of the part; an angle without limits had no share in it.
+    judged = row.verdict if low or high else "none"
+    return _name(row), f"{row.value_deg:+.4f}{u}", low, high, "–" if judged == "none" else judged
+
+
+def _calibration(history: VinHistory, identity: str | None) -> str:
+    known = history.calibrations.get(identity or "")
+    return (identity or "") + ("" if known is None else f", from {known.valid_from_utc:%Y-%m-%d}")
+
+
+def _name(row: AngleRow) -> str:
+    name = f"{row.part} {row.quantity}".replace("_", " ")
+    sign = row.thrust_sign if row.quantity == "thrust_angle" else None
+    return name if sign is None else f"{name} ({sign.replace('_', ' ')})"
+
+
+def _time(time: datetime) -> str:
+    return f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,150 @@
+"""`truewheel export`: results for other programs and for paper."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from station.commands.database import DatabaseOption
+from station.commands.output import JsonFlag, print_json
+from station.commands.selection import (
+    FromOption,
+    PlantOption,
+    ShiftOption,
+    StationOption,
+    TypeOption,
+    UntilOption,
+    VerdictOption,
+    VinOption,
+    WheelOption,
+    ZoneOption,
+)
+
+if TYPE_CHECKING:
+    from db.exports.rows import AngleRow
+    from db.queries import Filter, ResultReader
+
+
+class ExportKind(enum.StrEnum):
+    """What is written."""
+
+    AQDEF = "aqdef"
+    CSV = "csv"
+    PARQUET = "parquet"
+    CERTIFICATE = "certificate"
+
+
+def export(
+    kind: Annotated[
+        ExportKind,
+        typer.Argument(
+            help="aqdef: Q-DAS, one file .dfq, or .dfd and .dfx. csv, parquet: one row for each angle with "
+            "everything that explains it. certificate: PDF of one vehicle or one gauge study.",
+            show_default=False,
+        ),
+    ],
+    database: DatabaseOption,
+    out: Annotated[Path, typer.Option("--out", help="File to write.", show_default=False)],
+    from_time: FromOption = None,
+    until_time: UntilOption = None,
+    shift: ShiftOption = None,
+    timezone: ZoneOption = "UTC",
+    station: StationOption = None,
+    plant: PlantOption = None,
+    vehicle_type: TypeOption = None,
+    wheel: WheelOption = None,
+    verdict: VerdictOption = None,
+    vin: VinOption = None,
+    encoding: Annotated[str, typer.Option(help="Of aqdef: utf-8, utf-16 or windows-1252.")] = "utf-8",
+    cycle: Annotated[
+        str | None,
+        typer.Option(help="Of a certificate: UUID of the cycle.", show_default="the newest of --vin"),
+    ] = None,
+    study: Annotated[
+        str | None,
+        typer.Option(help="Of a certificate: UUID or name of a gauge study.", show_default=False),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Write results for other programs and for paper; angles in degrees."""
+    if kind is ExportKind.CERTIFICATE:
+        answer = _certificate(database, out, vin, cycle, study)
+    else:
+        from db.queries import ResultReader, events
+        from station.quality.selection import read_filter, read_zone
+
+        where = read_filter(
+            from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
+        )
+        with ResultReader(database) as reader:
+            rows = _rows(reader, where)
+            if kind is ExportKind.AQDEF:
+                from db.exports.aqdef import write_aqdef
+
+                happened = events(reader, where)
+                zone = read_zone(timezone)
+                counts = write_aqdef(out, rows, happened, encoding=encoding, timezone=zone)
+                answer = {
+                    "files": [str(file) for file in counts.files],
+                    "figures": {
+                        "parts": counts.parts,
+                        "characteristics": counts.characteristics,
+                        "values": counts.values,
+                    },
+                }
+            else:
+                from db.exports.tables import write_csv, write_parquet
+
+                write = write_csv if kind is ExportKind.CSV else write_parquet
+                answer = {"files": [str(out)], "figures": {"rows": write(out, rows)}}
+    if as_json:
+        print_json(answer)
+    else:
+        counted = ", ".join(f"{value} {name}" for name, value in answer["figures"].items())
+        typer.echo(f"wrote {', '.join(answer['files'])}: {answer.get('assessment', counted)}")
+
+
+def _rows(reader: ResultReader, where: Filter) -> Iterator[AngleRow]:
+    from db.exports.rows import angle_rows
+    from db.queries import cycle_records
+
+    for stored in cycle_records(reader, where):
+        for row in angle_rows(stored):
+            # The records are whole cycles; of their parts only the wheels that were asked for.
+            if not where.wheels or row.part in where.wheels:
+                yield row
+
+
+def _certificate(
+    database: str, out: Path, vin: str | None, cycle: str | None, study: str | None
+) -> dict[str, Any]:
+    from datetime import UTC, datetime
+    from uuid import UUID
+
+    from alignment.errors import ConfigurationError
+    from db.exports.certificate import write_vehicle_certificate
+    from db.queries import ResultReader, vin_history
+    from station.quality.gauge_store import load_study
+    from station.quality.study_certificate import write_study_certificate
+
+    if (vin is None) == (study is None):
+        raise ConfigurationError(
+            field="--vin, --study", expected="one of both", seen="none" if vin is None else "both"
+        )
+    now = datetime.now(UTC)
+    if vin is None:
+        stored = load_study(database, None, str(study))
+        report = write_study_certificate(out, stored, created=now)
+        return {"files": [str(out)], "assessment": report.assessment} | report.result.as_json()
+    try:
+        wanted = None if cycle is None else UUID(cycle)
+    except ValueError:
+        raise ConfigurationError(field="--cycle", expected="a UUID", seen=ascii(cycle)) from None
+    with ResultReader(database) as reader:
+        history = vin_history(reader, vin)
+        written = write_vehicle_certificate(out, history, created=now, cycle=wanted, source=reader.where)
+    return {"files": [str(out)], "cycle": str(written), "figures": {"cycles": len(history.cycles)}}
