@@ -5,7 +5,6 @@ from __future__ import annotations
 from sqlalchemy import (
     BigInteger,
     Column,
-    DateTime,
     Double,
     Integer,
     PrimaryKeyConstraint,
@@ -65,6 +64,6 @@ station_leases = Table(
     Column("instance", Uuid, nullable=False),
     Column("host", Text, nullable=False),
     # By the clock of the central database.
-    Column("renewed_utc", DateTime(timezone=True), nullable=False),
+    Column("renewed_utc", UtcDateTime, nullable=False),
     Column("lasts_s", Double, nullable=False),
 )
