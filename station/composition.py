@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,9 +21,12 @@ from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
 from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions
 from station.cycle import MeasuringCycle
-from station.line.bus import BusSettings, LineBus, open_bus
+from station.line.bus import LineBus, open_bus
+from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
+from station.line.messages import Mode
+from station.line.options import LineOptions
 from station.ports import Bounds, Identity, Observer
 from station.wheels import CalibrationInForce, WheelPosition
 
@@ -78,7 +82,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         assert store is not None
         assert bus is not None
         whole = tuple(position for position in positions if position is not None)
-        line = stack.enter_context(StationLine(bus, database))
+        line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         cycle = MeasuringCycle(
             Identity(settings.station.id, version("truewheel"), configuration.hash),
             whole,
@@ -90,6 +94,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
                 # The store bounds each statement; a commit is a few of them.
                 store_s=2.0 * settings.database.timeout_s,
                 acknowledge_s=settings.line.acknowledge_timeout_s,
+                adjust_s=settings.cycle.adjust_timeout_s,
             ),
             settings.measure.coverage_factor,
             observer,
@@ -103,7 +108,20 @@ def bus_settings(configuration: Configuration) -> BusSettings:
     """Return the station's end of the bus."""
     line = configuration.settings.line
     log = None if line.log is None else configuration.path(line.log)
-    return BusSettings(line.interface, line.channel, line.bitrate, log)
+    return BusSettings(line.interface, line.channel, line.bitrate, log, line.options)
+
+
+def line_options(configuration: Configuration) -> LineOptions:
+    """Return what the configuration sets of the line."""
+    settings = configuration.settings
+    numbers = [int(number) for number in re.findall(r"\d+", version("truewheel"))[:3]]
+    major, minor, patch = [*numbers, 0, 0, 0][:3]
+    return LineOptions(
+        communication_timeout_s=settings.line.communication_timeout_s,
+        live_age_s=settings.cycle.live_max_age_s,
+        modes=frozenset(Mode) - {Mode.CALIBRATE},
+        software=(major, minor, patch),
+    )
 
 
 def _together(failures: list[TruewheelError]) -> TruewheelError:

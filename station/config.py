@@ -58,12 +58,21 @@ class LineSettings(StrictModel):
     )
     channel: str = Field(min_length=1, max_length=200, description="Channel of the interface, such as can0")
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000, description="Bits per second")
+    options: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")], bool | int | float | str] = Field(
+        default={}, description="Further arguments of the interface, as python-can names them"
+    )
     dbc: FilePath = Field(description="File that describes the messages")
     log: FilePath | None = Field(
         default=None, description="File for all traffic: .log (candump), .asc or .blf; no log without"
     )
     acknowledge_timeout_s: Seconds = Field(
-        default=2.0, description="Longest wait for the PLC to acknowledge results, seconds"
+        default=2.0,
+        description="After so long without acknowledgement an event is recorded; results stay held, seconds",
+    )
+    communication_timeout_s: Seconds | None = Field(
+        default=None,
+        description="Without a good Command frame for so long the PLC counts as lost, seconds; the DBC's "
+        "timeout without",
     )
 
 
@@ -75,6 +84,15 @@ class CycleSettings(StrictModel):
     )
     measure_timeout_s: Seconds = Field(
         default=30.0, description="Longest time from the first exposure to the last angle, seconds"
+    )
+    adjust_timeout_s: float = Field(
+        default=600.0,
+        gt=0,
+        le=7200,
+        description="Longest time of adjusting before the cycle is aborted, seconds",
+    )
+    live_max_age_s: Seconds = Field(
+        default=1.0, description="Live angles older than this are shown as stale, seconds"
     )
     calibration_max_age_days: float = Field(
         default=365.0, gt=0, le=36_500, description="A calibration older than this gives no verdict, days"

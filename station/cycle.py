@@ -6,14 +6,16 @@ of a wheel only when its record is committed. Every wait is bounded.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import ParamSpec, TypeVar
-from uuid import uuid4
+from uuid import UUID
 
 from alignment.errors import (
     InputError,
@@ -27,41 +29,46 @@ from db.records import (
     CycleRecord,
     EventRecord,
     Severity,
-    VehicleRecord,
     ZeroRecord,
 )
+from station.adjusting import Adjusting
+from station.cycle_record import cycle_record
 from station.evaluation import Evaluation, axle_of, evaluate
+from station.held import Closing, closing_text, unacknowledged
 from station.line.messages import (
     Abort,
     Acknowledge,
     Command,
     LineErrorCode,
+    Mode,
     Outcome,
+    Prepare,
     Reset,
     StationState,
     StationStatus,
+    Stop,
     Trigger,
 )
+from station.master_check import master_checks
 from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.records import (
-    Standing,
-    axle_answers,
-    axle_records,
-    last_measured,
-    vehicle_answer,
-    vehicle_record,
-    wheel_answers,
-    wheel_records,
-)
+from station.records import Standing, answers_of
 from station.states import StateMachine
 from station.vehicle_types import VehicleType
-from station.verdict import cycle_outcome
 from station.wheels import ABORTED, WheelPosition, WheelResult, connect_all, fault, utc_now
 
 POLL_S = 0.02
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _LOG = logging.getLogger("truewheel.station")
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Results that wait for their acknowledgement: of which start and cycle, and the state after it."""
+
+    sequence: int
+    cycle: UUID | None
+    after: StationState
 
 
 class MeasuringCycle:
@@ -112,6 +119,8 @@ class MeasuringCycle:
         self._now = now
         self._machine = StateMachine(self._entered)
         self._error = LineErrorCode.NONE
+        self._fault_wheel: str | None = None
+        self._held: _Held | None = None
         self._interruption: Command | None = None
         self._running: set[Future[WheelResult]] = set()
         self._measured_s = 0.0
@@ -127,6 +136,8 @@ class MeasuringCycle:
     def start(self) -> None:
         """Record the calibrations and the start, and be ready for triggers.
 
+        Results of an earlier run that the line did not acknowledge are offered again first.
+
         Raises
         ------
         StoreError
@@ -138,6 +149,7 @@ class MeasuringCycle:
         self._in_store(
             self._store.record_event, self._event(Severity.INFO, "started", f"version {version} started")
         )
+        self._offer_again()
         self._line.publish(StationStatus(self.state))
 
     def close(self) -> None:
@@ -164,10 +176,17 @@ class MeasuringCycle:
     def step(self, timeout_s: float) -> CycleReport | None:
         """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
         command = self._line.next_command(timeout_s)
-        if isinstance(command, Reset):
-            self._recover()
-        # Abort and acknowledge without a cycle are harmless.
-        return self._serve_trigger(command) if isinstance(command, Trigger) else None
+        match command:
+            case Trigger():
+                return self._serve_trigger(command)
+            case Prepare():
+                self._prepare(command)
+            case Acknowledge() if self._held is not None and command.sequence == self._held.sequence:
+                self._close_held(Closing.ACKNOWLEDGED)
+            case Reset():
+                self._recover()
+        # Stop and abort without a cycle, and an acknowledgement of another one, are harmless.
+        return None
 
     def _serve_trigger(self, trigger: Trigger) -> CycleReport | None:
         code = self._refusal(trigger)
@@ -176,7 +195,7 @@ class MeasuringCycle:
             self._note(Severity.WARNING, str(code), f"start {trigger} was refused")
             return None
         self._interruption = None
-        self._error = LineErrorCode.NONE
+        self._error, self._fault_wheel = LineErrorCode.NONE, None
         kind = self._vehicle_types[trigger.vehicle_type]
         received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
         self._machine.enter(StationState.ARMED)
@@ -187,20 +206,39 @@ class MeasuringCycle:
         self._poll(trigger)
         record = self._record(trigger, kind, evaluation, received_utc)
         self._machine.enter(StationState.STORING)
-        committed_s = self._commit(record)
+        committed_s = self._commit(trigger, record)
         self._poll(trigger)
         self._machine.enter(StationState.REPORTING)
-        report = CycleReport(
-            trigger, record, evaluation, committed_s, self._tell(trigger, record, evaluation, committed_s)
-        )
+        report = CycleReport(trigger, record, evaluation, committed_s, self._tell(record, committed_s))
         self._observer.cycle_done(report)
         self._drain()
-        self._machine.enter(StationState.FAULT if self._needs_reset(report) else StationState.IDLE)
-        if isinstance(self._interruption, Reset):
+        after = StationState.FAULT if self._needs_reset(report) else StationState.IDLE
+        cycle = record.uuid if committed_s is not None else None
+        if report.told is not None:
+            self._held = _Held(trigger.sequence, cycle, after)
+            self._await_acknowledgement()
+        elif isinstance(self._interruption, Reset):
+            if cycle is not None:
+                self._note(Severity.WARNING, Closing.DISCARDED, closing_text(record.uuid, trigger.sequence))
+            self._machine.enter(after)
             self._recover()
+        else:
+            self._machine.enter(after)
         return report
 
-    def _refusal(self, trigger: Trigger) -> LineErrorCode | None:
+    def _prepare(self, prepare: Prepare) -> None:
+        """Arm the cameras for the next vehicle; a camera that fails is found by its start."""
+        code = self._refusal(prepare)
+        if code is not None:
+            self._line.refuse(prepare.sequence, code)
+            return
+        for wheel in prepare.wheels:
+            try:
+                self._positions[wheel].rig.arm()
+            except TruewheelError as error:
+                _LOG.warning("%s did not prepare: %s", wheel, error)
+
+    def _refusal(self, trigger: Trigger | Prepare) -> LineErrorCode | None:
         """Why this trigger cannot be served, if it cannot."""
         if self.state is not StationState.IDLE:
             return LineErrorCode.RESET_REQUIRED
@@ -226,10 +264,34 @@ class MeasuringCycle:
                 armed.append(position)
             except TruewheelError as error:
                 results[position.name] = position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
+        if trigger.mode is Mode.ADJUST and len(armed) > 0 and not self._poll(trigger):
+            self._adjust(armed, zeros, trigger)
         if armed and not self._poll(trigger):
             self._machine.enter(StationState.MEASURING)
             results |= self._run_wheels(armed, zeros, trigger)
         return tuple(results.get(p.name) or p.failed(ABORTED) for p in positions)
+
+    def _adjust(
+        self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
+    ) -> None:
+        """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle."""
+        self._machine.enter(StationState.ADJUSTING)
+        kind = self._vehicle_types[trigger.vehicle_type]
+        deadline = self._clock() + self._bounds.adjust_s
+        with Adjusting(
+            self._wheel_threads, positions, zeros, kind, self._coverage_factor, self._line, self._clock
+        ) as adjusting:
+            while self._interruption is None:
+                adjusting.step(POLL_S)
+                command = self._line.next_command(0.0)
+                if isinstance(command, Stop) and command.sequence == trigger.sequence:
+                    break
+                if not self._interrupt(command, trigger) and self._clock() >= deadline:
+                    self._interruption = Abort(trigger.sequence, LineErrorCode.ADJUST_TIMEOUT)
+        for position in positions:
+            # Adjusting has armed them for another shot each time; once more for the one that counts.
+            with contextlib.suppress(TruewheelError):
+                position.rig.arm()
 
     def _run_wheels(
         self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
@@ -253,44 +315,23 @@ class MeasuringCycle:
     def _record(
         self, trigger: Trigger, kind: VehicleType, evaluation: Evaluation, received_utc: datetime
     ) -> CycleRecord:
-        # A part of the station that failed says more than a wheel that was refused.
-        failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
-        outcome = cycle_outcome(
-            evaluation.angles, fault=bool(failures), aborted=self._interruption is not None
-        )
-        code: str | None = None
-        text: str | None = None
-        if failures:
-            self._error, code = failures[0].error_code, failures[0].reason_code
-            text = "; ".join(failure.text for failure in failures)
-        elif outcome is CycleOutcome.FAULT:
-            self._error = LineErrorCode.CALIBRATION_FAULT
-            code, text = str(self._error), "an angle has no valid calibration behind it"
-        if outcome is CycleOutcome.ABORTED:
-            code, text = "aborted", f"the line sent {self._interruption}"
-        measured_utc = last_measured(evaluation)
-        return CycleRecord(
-            uuid=uuid4(),
-            station=self._identity.station,
-            trigger_sequence=trigger.sequence,
+        record, self._error, self._fault_wheel = cycle_record(
+            self._identity,
+            trigger,
+            kind,
+            evaluation,
+            self._interruption,
             received_utc=received_utc,
-            received_monotonic_s=trigger.received_s,
-            measured_utc=measured_utc,
-            measured_monotonic_s=None if measured_utc is None else self._measured_s,
-            outcome=outcome,
-            software_version=self._identity.software_version,
-            config_hash=self._identity.config_hash,
-            vehicle=VehicleRecord(trigger.vin, kind.name),
-            reason_code=code,
-            reason_text=text,
-            wheels=wheel_records(evaluation),
-            axles=axle_records(evaluation),
-            vehicle_angles=vehicle_record(evaluation),
+            measured_s=self._measured_s,
         )
+        return record
 
-    def _commit(self, record: CycleRecord) -> float | None:
+    def _commit(self, trigger: Trigger, record: CycleRecord) -> float | None:
         """Store the record; the time of the commit, or None when there was none."""
         try:
+            if trigger.mode is Mode.MASTER_CHECK:
+                for check in master_checks(record):
+                    self._in_store(self._store.record_check, check)
             self._in_store(self._store.write_cycle, record)
         except (StoreError, InputError) as error:
             _LOG.error("cycle %s was not stored: %s", record.uuid, error)
@@ -298,10 +339,9 @@ class MeasuringCycle:
             return None
         return self._clock()
 
-    def _tell(
-        self, trigger: Trigger, record: CycleRecord, evaluation: Evaluation, committed_s: float | None
-    ) -> Outcome | None:
-        """Tell the line, and wait for its acknowledgement."""
+    def _tell(self, record: CycleRecord, committed_s: float | None) -> Outcome | None:
+        """Tell the line what the record says, or that there is none."""
+        sequence = record.trigger_sequence
         if isinstance(self._interruption, Reset):
             # The line forgot this vehicle; its number may be in use again.
             return None
@@ -309,39 +349,56 @@ class MeasuringCycle:
         if self._interruption is not None:
             standing = Standing.ABORTED
             if record.outcome is not CycleOutcome.ABORTED:
-                self._note(
-                    Severity.WARNING, "aborted_late", f"cycle {record.uuid} was aborted after its commit"
-                )
+                self._note(Severity.WARNING, Closing.ABORTED_LATE, closing_text(record.uuid, sequence))
+        answers = answers_of(record, standing)
         try:
-            told = self._line.send_results(
-                trigger.sequence,
-                wheel_answers(evaluation, standing),
-                axle_answers(evaluation, standing),
-                vehicle_answer(evaluation, standing),
-            )
+            return self._line.send_results(sequence, answers.wheels, answers.axles, answers.vehicle)
         except (LineError, InputError) as error:
             _LOG.error("results of cycle %s were not sent: %s", record.uuid, error)
             self._note(Severity.ERROR, "not_reported", f"cycle {record.uuid}: {error}")
             self._error = LineErrorCode.LINE_FAULT
             return None
-        self._await_acknowledgement(trigger)
-        return told
 
-    def _await_acknowledgement(self, trigger: Trigger) -> None:
+    def _offer_again(self) -> None:
+        """Hold the last cycle's results when the program ended before the line acknowledged them."""
+        found = self._in_store(unacknowledged, self._store, self._identity.station)
+        if found is None:
+            return
+        record, standing = found
+        answers = answers_of(record, standing)
+        self._line.restore_results(record.trigger_sequence, answers.wheels, answers.axles, answers.vehicle)
+        self._held = _Held(record.trigger_sequence, record.uuid, StationState.IDLE)
+        self._machine = StateMachine(self._entered, StationState.REPORTING)
+        _LOG.warning("results of cycle %s were not acknowledged and are offered again", record.uuid)
+
+    def _await_acknowledgement(self) -> None:
+        """Wait for a while here, so that a cycle ends in one step; the results stay held beyond it."""
+        assert self._held is not None
+        sequence = self._held.sequence
         deadline = self._clock() + self._bounds.acknowledge_s
         while (remaining := deadline - self._clock()) > 0:
             command = self._line.next_command(min(remaining, 5 * POLL_S))
-            if isinstance(command, Acknowledge) and command.sequence == trigger.sequence:
+            if isinstance(command, Acknowledge) and command.sequence == sequence:
+                self._close_held(Closing.ACKNOWLEDGED)
                 return
             if isinstance(command, Reset):
-                self._interruption = command
+                self._recover()
                 return
         self._note(
             Severity.WARNING,
             str(LineErrorCode.NOT_ACKNOWLEDGED),
-            f"results of start {trigger.sequence} were not acknowledged within "
-            f"{self._bounds.acknowledge_s:g} s",
+            f"results of start {sequence} were not acknowledged within {self._bounds.acknowledge_s:g} s and "
+            "are held",
         )
+
+    def _close_held(self, how: Closing) -> None:
+        """Record what became of the held results, and go on."""
+        held, self._held = self._held, None
+        assert held is not None
+        if held.cycle is not None:
+            severity = Severity.INFO if how is Closing.ACKNOWLEDGED else Severity.WARNING
+            self._note(severity, how, closing_text(held.cycle, held.sequence))
+        self._machine.enter(held.after)
 
     def _needs_reset(self, report: CycleReport) -> bool:
         not_told = report.told is None and not isinstance(self._interruption, Reset)
@@ -360,9 +417,11 @@ class MeasuringCycle:
                 self._error = LineErrorCode.CYCLE_TIMEOUT
 
     def _recover(self) -> None:
-        """Leave the fault if what failed is back."""
+        """Leave the fault if what failed is back; held results are given up."""
+        if self._held is not None:
+            self._close_held(Closing.DISCARDED)
         if self.state is not StationState.FAULT:
-            self._line.publish(StationStatus(self.state, self._error))
+            self._entered(self.state)
             return
         self._running = {future for future in self._running if not future.done()}
         failures = connect_all([position.rig for position in self._positions.values()])
@@ -381,16 +440,19 @@ class MeasuringCycle:
     def _poll(self, trigger: Trigger) -> bool:
         """Look for an abort of this trigger or a reset; true when the cycle is to end."""
         if self._interruption is None:
-            command = self._line.next_command(0.0)
-            of_this = isinstance(command, Abort) and command.sequence == trigger.sequence
-            if of_this or isinstance(command, Reset):
-                self._interruption = command
+            self._interrupt(self._line.next_command(0.0), trigger)
+        return self._interruption is not None
+
+    def _interrupt(self, command: Command | None, trigger: Trigger) -> bool:
+        of_this = isinstance(command, Abort) and command.sequence == trigger.sequence
+        if of_this or isinstance(command, Reset):
+            self._interruption = command
         return self._interruption is not None
 
     def _entered(self, state: StationState) -> None:
         if state is StationState.IDLE:
-            self._error = LineErrorCode.NONE
-        self._line.publish(StationStatus(state, self._error))
+            self._error, self._fault_wheel = LineErrorCode.NONE, None
+        self._line.publish(StationStatus(state, self._error, self._fault_wheel))
         self._observer.entered(state)
 
     def _in_store(self, call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:

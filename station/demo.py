@@ -20,10 +20,12 @@ from sensors.formats.truth import WheelTruth
 from station.composition import OpenStation, open_station
 from station.config import Configuration
 from station.evaluation import JudgedWheel, axle_of
-from station.line.bus import BusSettings, open_bus
+from station.line.bus import open_bus
+from station.line.channel import BusSettings
 from station.line.messages import Outcome
 from station.line.monitor import decode_log, trace_cycles
-from station.line.plc import PlcOrder, PlcResult, PlcSimulator, PlcTimeouts
+from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
+from station.line.plc import PlcSimulator
 from station.ports import CycleReport, Observer
 from station.simulated import PoseDrawer, SimulatedRig, angles_about
 from station.vehicle_types import Tolerance, VehicleType
@@ -31,7 +33,9 @@ from station.verdict import combined
 from station.wheels import WheelResult
 
 # A screen behind other work may be slow; a real line would not wait so long.
-_TIMEOUTS = PlcTimeouts(ready_s=60.0, busy_s=30.0, done_s=900.0, acknowledged_s=30.0, silence_s=30.0)
+_TIMEOUTS = PlcTimeouts(
+    connect_s=60.0, ready_s=60.0, busy_s=30.0, done_s=900.0, acknowledged_s=30.0, silence_s=30.0
+)
 _SPREAD = 0.2  # of the tolerance: wheels of a good vehicle
 _FAR_OUT = 1.6  # of the tolerance: the bad wheel of every second vehicle
 _CHANNELS = itertools.count(1)
@@ -139,7 +143,9 @@ def demo_configuration(configuration: Configuration, database_url: str, can_log:
             "interface": "virtual",
             "channel": channel,
             "log": str(can_log.resolve()),
+            "options": {},
             "acknowledge_timeout_s": 30.0,
+            "communication_timeout_s": 30.0,
         }
     )
     database = settings.database.model_copy(update={"url": database_url, "create": True})
@@ -190,7 +196,8 @@ def run_demo(
             for rig in simulated:
                 rig.pose = poses[rig.name]
             vin = f"TWDEMX{seed % 100_000:05d}{number + 1:06d}"
-            result = plc.run(PlcOrder(vin, kind.number, tuple(rig.name for rig in simulated)))
+            order = PlcOrder(vin, kind.number, tuple(rig.name for rig in simulated))
+            result = plc.run(order)
             shown.append((result, {rig.name: rig.truth for rig in simulated}))
         counts = station.store.counts()
         line_database = station.line_database
@@ -265,13 +272,19 @@ def _vehicle(
 ) -> DemoVehicle:
     if report.committed_s is None or report.record.vehicle is None:
         raise StoreError(
-            f"the cycle of {result.order.vin} was not stored, and the line was told {result.vehicle.outcome}"
+            f"the cycle of start {result.sequence} was not stored, and the line was told "
+            f"{result.vehicle.outcome}"
         )
     start = result.started_s
-    first_result_s = min(message.time_s for message in result.received if message.name != "Status")
+    first_result_s = min(
+        message.time_s
+        for message in result.received
+        if ("Result" in message.name or "Uncertainty" in message.name)
+        and message.values["Sequence"] == result.sequence
+    )
     times = (start, result.busy_s, report.committed_s, first_result_s, result.done_s)
     return DemoVehicle(
-        vin=result.order.vin,
+        vin=report.record.vehicle.vin,
         vehicle_type=kind.name,
         outcome=result.vehicle.outcome,
         stored_outcome=report.record.outcome,

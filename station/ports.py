@@ -6,12 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from db.records import CalibrationRecord, CycleRecord, EventRecord, ZeroRecord
+from db.records import (
+    CalibrationCheckRecord,
+    CalibrationRecord,
+    CycleRecord,
+    EventRecord,
+    StoredCycle,
+    ZeroRecord,
+)
 from station.evaluation import Evaluation
 from station.line.messages import (
     AxleAnswer,
     Command,
     LineErrorCode,
+    LiveAngles,
     Outcome,
     StationState,
     StationStatus,
@@ -43,8 +51,22 @@ class Line(Protocol):
         """Send all results of a start."""
         ...
 
+    def restore_results(
+        self,
+        sequence: int,
+        wheel_answers: Sequence[WheelAnswer],
+        axle_answers: Sequence[AxleAnswer] = (),
+        vehicle_answer: VehicleAnswer | None = None,
+    ) -> Outcome:
+        """Offer results of an earlier run that nobody acknowledged."""
+        ...
+
+    def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
+        """Show angles of a wheel that is adjusted."""
+        ...
+
     def refuse(self, sequence: int, code: LineErrorCode) -> None:
-        """Decline a start."""
+        """Decline a start or a preparation."""
         ...
 
 
@@ -63,6 +85,18 @@ class Store(Protocol):
         """Store an event."""
         ...
 
+    def record_check(self, record: CalibrationCheckRecord) -> None:
+        """Store a check of a calibration."""
+        ...
+
+    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
+        """Return the last cycles, newest first."""
+        ...
+
+    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
+        """Return the last events, newest first."""
+        ...
+
     def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
         """Return the zero measurement in force of each rig and calibration."""
         ...
@@ -79,11 +113,15 @@ class Identity:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Longest waits of a cycle, seconds: for all wheels, for one commit, for the acknowledgement."""
+    """Longest waits of a cycle, seconds: for all wheels, one commit, the acknowledgement, adjusting.
+
+    Results that were not acknowledged in time are still held; the station says so and takes no other start.
+    """
 
     measure_s: float
     store_s: float
     acknowledge_s: float
+    adjust_s: float = 600.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,20 +1,26 @@
-"""What is stored of a cycle and what is told to the line, both from the same evaluation."""
+"""What is stored of a cycle, and what the line is told: nothing but what the record says."""
 
 from __future__ import annotations
 
 import enum
 import math
+from dataclasses import dataclass
 from datetime import datetime
 
 from db.records import (
     AxleRecord,
+    CycleRecord,
     VehicleAnglesRecord,
+    Verdict,
     WheelOutcome,
     WheelRecord,
 )
-from station.evaluation import Evaluation, JudgedAxle, JudgedVehicle, JudgedWheel
-from station.line.messages import AxleAnswer, Outcome, VehicleAnswer, WheelAnswer
-from station.verdict import Angle, Status, combined
+from station.evaluation import SIDES, Evaluation, JudgedWheel, axle_of
+from station.line.messages import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
+from station.verdict import Angle, combined
+
+# Ends the method of a wheel that was measured with one head lost.
+_DEGRADED = "/degraded"
 
 
 def wheel_records(evaluation: Evaluation) -> tuple[WheelRecord, ...]:
@@ -83,7 +89,7 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         camber_u=None if found is None else found.camber_u,
         toe_u=None if found is None else found.toe_u,
         coverage_factor=evaluation.coverage_factor,
-        method=None if found is None else found.method,
+        method=None if found is None else found.method + (_DEGRADED if found.degraded else ""),
         calibration_id=result.calibration_id,
         zero_measurement_id=result.zero_id,
         reason_code=None if failure is None else failure.reason_code,
@@ -107,79 +113,100 @@ class Standing(enum.Enum):
     ABORTED = "aborted"
 
 
-def wheel_answers(evaluation: Evaluation, standing: Standing) -> tuple[WheelAnswer, ...]:
-    """Return what the line is told of each wheel."""
-    return tuple(_wheel_answer(wheel, standing) for wheel in evaluation.wheels)
+@dataclass(frozen=True)
+class Answers:
+    """What the line is told of a vehicle; `vehicle` is None when the thrust angle was not asked for."""
+
+    wheels: tuple[WheelAnswer, ...]
+    axles: tuple[AxleAnswer, ...]
+    vehicle: VehicleAnswer | None
 
 
-def axle_answers(evaluation: Evaluation, standing: Standing) -> tuple[AxleAnswer, ...]:
-    """Return what the line is told of each axle."""
-    return tuple(_axle_answer(axle, standing) for axle in evaluation.axles)
+def answers_of(record: CycleRecord, standing: Standing) -> Answers:
+    """Return what the line is told of a cycle, after its end or after a restart of the station."""
+    wheels = {wheel.wheel: wheel for wheel in record.wheels}
+    axles = {axle.axle: axle for axle in record.axles}
+    asked = [
+        axle
+        for axle in dict.fromkeys(axle_of(wheel) for wheel in wheels)
+        if all(f"{axle}_{side}" in wheels for side in SIDES)
+    ]
+    whole = {"front", "rear"} <= set(asked)
+    return Answers(
+        tuple(_wheel_answer(wheel, standing) for wheel in record.wheels),
+        tuple(_axle_answer(axle, axles.get(axle), standing) for axle in asked),
+        _vehicle_answer(record.vehicle_angles, standing) if whole else None,
+    )
 
 
-def vehicle_answer(evaluation: Evaluation, standing: Standing) -> VehicleAnswer | None:
-    """Return what the line is told of the thrust angle; None when it was not asked for."""
-    return None if evaluation.vehicle is None else _vehicle_answer(evaluation.vehicle, standing)
-
-
-def _wheel_answer(wheel: JudgedWheel, standing: Standing) -> WheelAnswer:
-    told = _told(wheel.angles, standing)
+def _wheel_answer(wheel: WheelRecord, standing: Standing) -> WheelAnswer:
+    told = _told(wheel.verdict, standing)
     if not told.judged:
-        return WheelAnswer(wheel.result.wheel, told)
+        return WheelAnswer(wheel.wheel, told)
+    k = wheel.coverage_factor
     return WheelAnswer(
-        wheel.result.wheel,
+        wheel.wheel,
         told,
-        camber_deg=_degrees(wheel.camber.value),
-        toe_deg=_degrees(wheel.toe.value),
-        camber_u95_deg=_degrees(wheel.camber.expanded_uncertainty),
-        toe_u95_deg=_degrees(wheel.toe.expanded_uncertainty),
+        camber_deg=_degrees(wheel.camber),
+        toe_deg=_degrees(wheel.toe),
+        camber_u95_deg=_expanded_deg(wheel.camber_u, k),
+        toe_u95_deg=_expanded_deg(wheel.toe_u, k),
+        quality=Quality.DEGRADED if (wheel.method or "").endswith(_DEGRADED) else Quality.FULL,
+        residual_mm=wheel.residual_rms_mm,
     )
 
 
-def _axle_answer(axle: JudgedAxle, standing: Standing) -> AxleAnswer:
-    told = _told(axle.angles, standing)
+def _axle_answer(name: str, axle: AxleRecord | None, standing: Standing) -> AxleAnswer:
+    if axle is None:
+        return AxleAnswer(name, _told(Verdict.NONE, standing))
+    judged = axle.total_toe_low is not None or axle.camber_difference_low is not None
+    told = _told(axle.verdict, standing, judged)
     if not told.judged:
-        return AxleAnswer(axle.name, told)
+        return AxleAnswer(name, told)
     return AxleAnswer(
-        axle.name,
+        name,
         told,
-        total_toe_deg=_degrees(axle.total_toe.value),
-        camber_difference_deg=_degrees(axle.camber_difference.value),
-        total_toe_u95_deg=_degrees(axle.total_toe.expanded_uncertainty),
-        camber_difference_u95_deg=_degrees(axle.camber_difference.expanded_uncertainty),
+        total_toe_deg=_degrees(axle.total_toe),
+        camber_difference_deg=_degrees(axle.camber_difference),
+        total_toe_u95_deg=_expanded_deg(axle.total_toe_u, axle.coverage_factor),
+        camber_difference_u95_deg=_expanded_deg(axle.camber_difference_u, axle.coverage_factor),
     )
 
 
-def _vehicle_answer(vehicle: JudgedVehicle, standing: Standing) -> VehicleAnswer:
-    told = _told(vehicle.angles, standing)
-    if not told.judged or vehicle.values is None:
+def _vehicle_answer(angles: VehicleAnglesRecord | None, standing: Standing) -> VehicleAnswer:
+    if angles is None:
+        return VehicleAnswer(_told(Verdict.NONE, standing))
+    told = _told(angles.verdict, standing, judged=angles.thrust_angle_low is not None)
+    if not told.judged:
         return VehicleAnswer(told)
     return VehicleAnswer(
         told,
-        thrust_angle_deg=_degrees(vehicle.thrust_angle.value),
-        thrust_angle_u95_deg=_degrees(vehicle.thrust_angle.expanded_uncertainty),
-        thrust_sign=vehicle.values.thrust_sign,
+        thrust_angle_deg=_degrees(angles.thrust_angle),
+        thrust_angle_u95_deg=_expanded_deg(angles.thrust_angle_u, angles.coverage_factor),
+        thrust_sign=angles.thrust_sign,
     )
 
 
-def _told(angles: tuple[Angle, ...], standing: Standing) -> Outcome:
+def _told(verdict: Verdict, standing: Standing, judged: bool = True) -> Outcome:
     """Outcome of a part of the vehicle, as the line is told it.
 
-    A value whose record was not committed is not a result. What has no limits was not asked to be judged.
+    A value whose record was not committed is not a result. What has no limits (`judged` False) was not asked
+    to be judged.
     """
     if standing is Standing.ABORTED:
         return Outcome.ABORTED
     if standing is Standing.NOT_COMMITTED:
         return Outcome.FAULT
-    return {
-        Status.OK: Outcome.OK,
-        Status.NOK: Outcome.NOK,
-        Status.UNJUDGED: Outcome.NOT_REQUESTED,
-    }.get(combined(angles), Outcome.FAULT)
+    unjudged = Outcome.FAULT if judged else Outcome.NOT_REQUESTED
+    return {Verdict.OK: Outcome.OK, Verdict.NOK: Outcome.NOK}.get(verdict, unjudged)
 
 
 def _degrees(value: float | None) -> float | None:
     return None if value is None else math.degrees(value)
+
+
+def _expanded_deg(standard: float | None, factor: float | None) -> float | None:
+    return None if standard is None or factor is None else math.degrees(factor * standard)
 
 
 def _low(angle: Angle) -> float | None:

@@ -12,7 +12,11 @@ TRANSITIONS: dict[StationState, frozenset[StationState]] = {
     # A trigger arrived that can be served.
     StationState.IDLE: frozenset({StationState.ARMED, StationState.FAULT}),
     # Cameras took their settings; an abort or a camera that fails goes on to the record of it.
-    StationState.ARMED: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),
+    StationState.ARMED: frozenset(
+        {StationState.ADJUSTING, StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}
+    ),
+    # Live angles go out until the operator is done; then everything is measured once more.
+    StationState.ADJUSTING: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),
     StationState.MEASURING: frozenset({StationState.EVALUATING, StationState.FAULT}),
     StationState.EVALUATING: frozenset({StationState.STORING, StationState.FAULT}),
     # The line is told only after the commit, or after the commit has failed.
@@ -34,15 +38,19 @@ class StateMachine:
     ----------
     entered
         Called with each new state, after the change.
+    state
+        The first state; REPORTING where results of an earlier run are still held.
     """
 
-    def __init__(self, entered: Callable[[StationState], None]) -> None:
-        self._state = StationState.IDLE
+    def __init__(
+        self, entered: Callable[[StationState], None], state: StationState = StationState.IDLE
+    ) -> None:
+        self._state = state
         self._entered = entered
 
     @property
     def state(self) -> StationState:
-        """The current state; IDLE at the start."""
+        """The current state."""
         return self._state
 
     def enter(self, state: StationState) -> None:

@@ -13,7 +13,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print
 
 if TYPE_CHECKING:
     from station.config import Configuration
-    from station.line.bus import BusSettings
+    from station.line.channel import BusSettings
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
 
@@ -45,7 +45,8 @@ def plc(
 ) -> None:
     """Play the PLC: trigger a station for each VIN and show its answers; exit status 1 unless all are ok."""
     from station.line.messages import Outcome
-    from station.line.plc import PlcOrder, run_plc
+    from station.line.orders import PlcOrder
+    from station.line.plc import run_plc
 
     configuration = _read(config)
     orders = [PlcOrder(one, vehicle_type, tuple(wheel) if wheel else None) for one in vin]
@@ -54,7 +55,9 @@ def plc(
     for result in run_plc(_bus(configuration, interface, channel), dbc, orders):
         answers.append(result)
         if not as_json:
-            typer.echo(f"{result.order.vin} {result.vehicle.outcome}")
+            typer.echo(
+                f"{result.order.vin if result.order else 'held from before:'} {result.vehicle.outcome}"
+            )
             for answer in result.wheels:
                 angles = (
                     ""
@@ -67,7 +70,7 @@ def plc(
             {
                 "vehicles": [
                     {
-                        "vin": result.order.vin,
+                        "vin": result.order.vin if result.order else None,
                         "sequence": result.sequence,
                         "outcome": str(result.vehicle.outcome),
                         "wheels": [asdict(answer) for answer in result.wheels],
@@ -130,7 +133,7 @@ def _read(config: Path | None) -> Configuration:
 
 
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
-    from station.line.bus import BusSettings
+    from station.line.channel import BusSettings
 
     line = configuration.settings.line
     settings = BusSettings(line.interface, line.channel, line.bitrate)

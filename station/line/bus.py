@@ -2,102 +2,114 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import can
 from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
+from station.line.channel import BusSettings, Channel
 from station.line.supervised import SupervisedThread
 
 RECEIVE_WAIT_S = 0.05
 SEND_TIMEOUT_S = 0.2
+SEND_PATIENCE_S = 2.0
+REOPEN_FIRST_S, REOPEN_LAST_S = 0.1, 5.0
+_SOCKETCAN_BUS_OFF = 0x40
 LOG_ENDINGS = (".log", ".asc", ".blf")
 Listener = Callable[[can.Message], None]
-
-
-@dataclass(frozen=True)
-class BusSettings:
-    """How to reach the bus.
-
-    Attributes
-    ----------
-    interface
-        Name of a python-can interface: ``virtual`` (one process), ``socketcan``, ``pcan``, ``vector``, …
-    channel
-        Its channel; for ``virtual`` any name that both ends share.
-    bitrate
-        Bits per second, for interfaces that set it.
-    log
-        File that takes all traffic: ``.log`` (candump), ``.asc`` or ``.blf``; None writes none.
-    options
-        Further arguments of the interface.
-    """
-
-    interface: str = "virtual"
-    channel: str = "truewheel"
-    bitrate: int = 500_000
-    log: Path | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
+_LOG = logging.getLogger("truewheel.line")
 
 
 @dataclass(frozen=True)
 class BusHealth:
-    """Counters of one end of the bus.
+    """State and counters of one end of the bus.
 
     Attributes
     ----------
+    connected
+        False while the adapter is away or off the bus; it is opened again until it answers.
     receiving
         True while the receiving thread runs.
     received, sent
         Frames.
     receive_failures, send_failures, log_failures
         Failures; each is survived and tried again, except that a log that failed is written no further.
+    error_frames
+        Error frames that the adapter reported.
+    losses
+        How often the adapter was lost.
     last_error
         The latest failure as text.
     """
 
+    connected: bool
     receiving: bool
     received: int
     sent: int
     receive_failures: int
     send_failures: int
     log_failures: int
+    error_frames: int
+    losses: int
     last_error: str | None
 
 
 class LineBus:
     """An open bus with its receiving thread. Use `open_bus`; close it, or use it in a `with`.
 
+    An adapter that fails while receiving, that went off the bus, or that takes no frame for two seconds is
+    closed and opened again, at growing intervals, until it answers.
+
     Parameters
     ----------
-    bus
-        The python-can bus; this object owns it and shuts it down.
+    opened
+        Opens the python-can bus, now and after each loss; this object owns what it returns.
     writer
         Takes every frame sent and received, in the order cause before effect.
-    now
-        Wall clock, seconds, for the log alone.
+    now, clock
+        Wall clock for the log alone, and monotonic seconds.
+    released
+        Called when the bus is closed for good.
+
+    Raises
+    ------
+    ConfigurationError, or whatever `opened` raises
+        When the bus does not open at first.
     """
 
     def __init__(
-        self, bus: can.BusABC, writer: MessageWriter | None = None, now: Callable[[], float] = time.time
+        self,
+        opened: Callable[[], can.BusABC],
+        writer: MessageWriter | None = None,
+        now: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
+        released: Callable[[], None] = lambda: None,
     ) -> None:
-        self._bus = bus
+        self._opened = opened
+        self._released = released
+        self._bus: can.BusABC | None = opened()
+        self._name = str(self._bus.channel_info)
         self._writer = writer
         self._now = now
+        self._clock = clock
         self._listeners: list[Listener] = []
         # Held over send and log together: the answer to a frame can then not be logged before the frame.
         self._lock = threading.Lock()
         self._received = self._sent = self._send_failures = self._log_failures = 0
+        self._receive_failures = self._error_frames = self._losses = 0
+        self._refusing_since: float | None = None
+        self._pause_s = REOPEN_FIRST_S
         self._last_error: str | None = None
         self._closed = False
-        self._receiver = SupervisedThread(f"line receive {bus.channel_info}", self._receive_one)
+        self._receiver = SupervisedThread(f"line receive {self._name}", self._receive_one)
         self._receiver.start()
 
     def listen(self, listener: Listener) -> None:
@@ -118,7 +130,13 @@ class LineBus:
         """
         with self._lock:
             if self._closed:
-                raise LineConnectionError(f"{self._bus.channel_info} is closed, expected an open bus")
+                raise LineConnectionError(f"{self._name} is closed, expected an open bus")
+            if self._bus is None:
+                self._send_failures += 1
+                raise LineConnectionError(
+                    f"{self._name} is away and is being opened again: {self._last_error}. Check the adapter "
+                    "and the cable."
+                )
             frame.timestamp = self._now()
             frame.is_rx = False
             try:
@@ -126,24 +144,29 @@ class LineBus:
             except (can.CanError, OSError) as error:
                 self._send_failures += 1
                 self._last_error = f"send: {error}"
+                self._refusing_since = self._refusing_since or self._clock()
                 raise LineConnectionError(
-                    f"{self._bus.channel_info} did not take frame 0x{frame.arbitration_id:X} within "
+                    f"{self._name} did not take frame 0x{frame.arbitration_id:X} within "
                     f"{SEND_TIMEOUT_S:g} s: {error}. Check the adapter, the cable and the other end."
                 ) from error
+            self._refusing_since = None
             self._sent += 1
             self._log(frame)
 
     @property
     def health(self) -> BusHealth:
-        """Counters up to now."""
+        """State and counters up to now."""
         receive_error = self._receiver.last_error
         return BusHealth(
+            connected=self._bus is not None,
             receiving=self._receiver.alive,
             received=self._received,
             sent=self._sent,
-            receive_failures=self._receiver.failures,
+            receive_failures=self._receive_failures + self._receiver.failures,
             send_failures=self._send_failures,
             log_failures=self._log_failures,
+            error_frames=self._error_frames,
+            losses=self._losses,
             last_error=self._last_error or (f"receive: {receive_error!r}" if receive_error else None),
         )
 
@@ -154,7 +177,8 @@ class LineBus:
             if self._closed:
                 return
             self._closed = True
-            self._bus.shutdown()
+            self._shut_down()
+            self._released()
             self._finish_log()
 
     def __enter__(self) -> Self:
@@ -166,12 +190,33 @@ class LineBus:
         self.close()
 
     def _receive_one(self, stopping: threading.Event) -> None:
-        frame = self._bus.recv(RECEIVE_WAIT_S)
+        bus = self._bus
+        if bus is None:
+            self._reopen(stopping)
+            return
+        try:
+            frame = bus.recv(RECEIVE_WAIT_S)
+            off = _is_off(bus, frame)
+        except (can.CanError, OSError, ValueError, TypeError) as error:
+            # pyserial raises TypeError and ValueError when its device goes away amid a read.
+            self._receive_failures += 1
+            self._lose(f"receive: {error}")
+            return
+        since = self._refusing_since
+        if off:
+            self._lose("bus off")
+        elif since is not None and self._clock() - since > SEND_PATIENCE_S:
+            self._lose(f"{self._last_error}; no frame was taken for {SEND_PATIENCE_S:g} s")
         if frame is None:
             return
+        if frame.is_error_frame:
+            self._error_frames += 1
         self._received += 1
         with self._lock:
             self._log(frame)
+        self._hand_over(frame)
+
+    def _hand_over(self, frame: can.Message) -> None:
         failed: Exception | None = None
         for listener in self._listeners:
             try:
@@ -180,6 +225,38 @@ class LineBus:
                 failed = error
         if failed is not None:
             raise failed
+
+    def _lose(self, why: str) -> None:
+        with self._lock:
+            self._last_error = why
+            self._losses += 1
+            self._refusing_since = None
+            self._shut_down()
+        _LOG.error("%s is lost: %s", self._name, why)
+
+    def _reopen(self, stopping: threading.Event) -> None:
+        if stopping.wait(self._pause_s):
+            return
+        try:
+            bus = self._opened()
+        except (ConfigurationError, can.CanError, OSError) as error:
+            self._last_error = f"open: {error}"
+            self._pause_s = min(2.0 * self._pause_s, REOPEN_LAST_S)
+            return
+        self._pause_s = REOPEN_FIRST_S
+        with self._lock:
+            self._bus = bus
+        _LOG.warning("%s is open again", self._name)
+
+    def _shut_down(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is None:
+            return
+        try:
+            bus.shutdown()
+        except (can.CanError, OSError, ValueError, TypeError) as error:
+            # What is gone cannot be closed properly.
+            self._last_error = self._last_error or f"close: {error}"
 
     def _log(self, frame: can.Message) -> None:
         if self._writer is None:
@@ -207,34 +284,28 @@ def open_bus(settings: BusSettings, now: Callable[[], float] = time.time) -> Lin
 
     Raises
     ------
-    LineConnectionError
-        When the interface is unknown or not installed, or the channel cannot be opened.
     ConfigurationError
-        When the log cannot be written.
+        When the interface is unknown or not installed, the channel cannot be opened, or the log cannot be
+        written.
     """
     writer = None if settings.log is None else _open_log(settings.log)
+    channel = Channel(settings)
     try:
-        bus = can.Bus(
-            interface=settings.interface,
-            channel=settings.channel,
-            bitrate=settings.bitrate,
-            ignore_config=True,
-            **dict(settings.options),
-        )
-    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        return LineBus(channel, writer, now, released=channel.release)
+    except ConfigurationError:
         if writer is not None:
             writer.stop()
-        known = settings.interface in can.VALID_INTERFACES
-        cure = (
-            "Check that the adapter is plugged in, its driver installed and the channel free."
-            if known
-            else f"Choose one of {', '.join(sorted(can.VALID_INTERFACES))}."
-        )
-        raise LineConnectionError(
-            f"line interface '{settings.interface}', channel '{settings.channel}': expected a bus that "
-            f"opens, found: {error}. {cure}"
-        ) from error
-    return LineBus(bus, writer, now)
+        raise
+
+
+def _is_off(bus: can.BusABC, frame: can.Message | None) -> bool:
+    """Whether the adapter says that it is off the bus: by its state, or by an error frame of socketcan."""
+    if frame is not None:
+        return frame.is_error_frame and bool(frame.arbitration_id & _SOCKETCAN_BUS_OFF)
+    try:
+        return bus.state is can.BusState.ERROR
+    except NotImplementedError:
+        return False
 
 
 def _open_log(path: Path) -> MessageWriter:

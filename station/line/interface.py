@@ -1,52 +1,68 @@
-"""The station's side of the line: commands in, status and results out.
+"""The station's side of the line: commands in, status, answers and results out.
 
 The handshake of one vehicle::
 
-    PLC      Vin1 Vin2 Vin3  Command start(n) ........................................ acknowledge(n)
-    station                            Status busy(n) ... results(n)  Status done(n) ...       Status ready
+    PLC      Vin1 Vin2 Vin3  Command start(n) ................................. acknowledge(n)  none
+    station                  Status busy(n) CommandAnswer ... results(n)  Status ResultValid(n) ... Ready
 
-`StationLine` keeps sequence, busy and done, so that they are right whatever the measuring cycle says: busy
-from the moment a start is accepted, done only after all results went out, until they are acknowledged.
-Every accepted start ends in one of three ways: `send_results` and the acknowledgement, `refuse`, or a fault
-that the cycle publishes and the controller resets.
+What a command does is decided by `station.line.handshake`; this module reads and sends frames, watches that
+the controller is alive, and holds results until they are acknowledged. Busy is on the bus from the moment a
+start is accepted, ResultValid only after all results went out.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
+import secrets
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
 import can
 
-from alignment.errors import InputError, LineConnectionError, LineError
+from alignment.errors import LineConnectionError, LineError
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
+from station.line.handshake import Asked, Event, Handshake
+from station.line.link import ProtectedLink
 from station.line.messages import (
-    Abort,
-    Acknowledge,
     AxleAnswer,
     Command,
+    CommandAnswer,
+    CommandCode,
     LineErrorCode,
     LineStatus,
+    LiveAngles,
+    LiveState,
+    Mode,
     Outcome,
     Reset,
+    StationInfo,
     StationState,
     StationStatus,
     Trigger,
     VehicleAnswer,
     WheelAnswer,
-    overall_outcome,
 )
-from station.line.results import axle_frames, status_frame, vehicle_frame, wheel_frames
+from station.line.options import DEFAULT_OPTIONS, LineHealth, LineOptions
+from station.line.results import blank_frames, live_frame, result_frames
+from station.line.status import answer_frame, detail_frame, info_frame, status_frame
 from station.line.supervised import SupervisedThread
 from station.line.vin import VinAssembly, VinState
 
 STATUS_PERIOD_S = 0.1
+COMMUNICATION_TIMEOUT_S = 0.5
+PREPARE_LIFETIME_S = 300.0
+_VIN_TROUBLE = {
+    VinState.INCOMPLETE: LineErrorCode.VIN_INCOMPLETE,
+    VinState.INVALID: LineErrorCode.VIN_INVALID,
+}
+_LOG = logging.getLogger("truewheel.line")
 
 
 class StationLine:
@@ -60,48 +76,59 @@ class StationLine:
         The checked DBC.
     clock
         Monotonic seconds.
+    options
+        What a station may set.
 
-    Frames are read in the bus's receiving thread; `next_command`, `publish`, `send_results` and `refuse` are
-    called by the cycle, from any one thread. `start` begins the cyclic Status (the DBC's cycle time) in a
-    supervised thread; without it call `tick`.
-
-    Attributes
-    ----------
-    ignored_frames
-        Frames of the line that were malformed; frames of other senders on the bus do not count.
+    Frames are read in the bus's receiving thread; the other methods are called by the cycle, from any one
+    thread. `start` begins the cyclic messages (Status at the DBC's cycle time) in a supervised thread;
+    without it call `tick`.
     """
 
     def __init__(
-        self, bus: LineBus, database: LineDatabase, clock: Callable[[], float] = time.monotonic
+        self,
+        bus: LineBus,
+        database: LineDatabase,
+        clock: Callable[[], float] = time.monotonic,
+        options: LineOptions = DEFAULT_OPTIONS,
     ) -> None:
         self._bus = bus
         self._database = database
         self._clock = clock
+        self._options = options
+        self._link = ProtectedLink(bus, database, clock)
         # One lock over state and sending: what a Status says is what held when it went out.
         self._lock = threading.RLock()
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._vin = VinAssembly(database.vin_messages)
+        self._handshake = Handshake()
         self._status = StationStatus(StationState.FAULT, LineErrorCode.STARTING)
         self._trigger: Trigger | None = None
-        self._sent = self._aborted = self._reset_pending = False
-        self._last_sequence: int | None = None
-        self._shown_sequence = 0
-        self._refusal = LineErrorCode.NONE
-        self._refused_sequence = 0
-        self._alive_counter = 0
-        self.ignored_frames = 0
+        self._reset_pending = False
+        self._results: list[can.Message] = []
+        self._blank = blank_frames(database)
+        self._live: dict[str, tuple[LiveAngles, float]] = {}
+        self._refusal, self._refused_sequence = LineErrorCode.NONE, 0
+        self._link_up = False
+        self._heartbeat = self._alive_counter = self._faults = 0
+        self._prepared_s = 0.0
+        self._due: dict[str, float] = {}
+        version = database.interface_version
+        self._info = StationInfo(version, options.software, secrets.randbelow(256))
+        self._timeout_s = (
+            options.communication_timeout_s or database.timeout_s("Command") or COMMUNICATION_TIMEOUT_S
+        )
         period_s = database.cycle_time_s("Status") or STATUS_PERIOD_S
         self._cyclic = SupervisedThread("line status", lambda stopping: self._cyclic_step(stopping, period_s))
         bus.listen(self.receive)
 
     def start(self) -> Self:
-        """Begin the cyclic Status; the first one goes out at once."""
+        """Begin the cyclic messages; the first ones go out at once."""
         self.tick()
         self._cyclic.start()
         return self
 
     def close(self) -> None:
-        """End the cyclic Status and stop listening; harmless when closed."""
+        """End the cyclic messages and stop listening; harmless when closed."""
         self._bus.unlisten(self.receive)
         self._cyclic.stop()
 
@@ -125,9 +152,17 @@ class StationLine:
             return self._line_status()
 
     @property
-    def cyclic_failures(self) -> int:
-        """How many cyclic steps raised; a bus that takes no frames counts in the health of the bus."""
-        return self._cyclic.failures
+    def health(self) -> LineHealth:
+        """State of bus, frames and threads."""
+        with self._lock:
+            return LineHealth(
+                self._bus.health,
+                self._link.health,
+                self._link_up,
+                self._cyclic.alive,
+                self._cyclic.failures,
+                self._faults,
+            )
 
     def next_command(self, timeout_s: float) -> Command | None:
         """Take the next command; None when there is none within the bounded time.
@@ -142,7 +177,6 @@ class StationLine:
         if isinstance(command, Reset):
             with self._lock:
                 self._reset_pending = False
-                self._send_status()
         return command
 
     def publish(self, status: StationStatus) -> None:
@@ -152,13 +186,23 @@ class StationLine:
         the bus counts it.
         """
         with self._lock:
+            if status.state is StationState.FAULT and self._status.state is not StationState.FAULT:
+                self._faults += 1
             self._status = status
+            # Until the cycle has taken a reset, it speaks of what was before.
+            if not self._reset_pending:
+                if status.state is StationState.FAULT:
+                    self._happened(Event.CYCLE_FAULT)
+                elif status.state is StationState.IDLE:
+                    self._happened(Event.CYCLE_READY)
             self._send_status()
+            self._send_detail()
 
-    def tick(self) -> None:
-        """Send the cyclic Status once."""
+    def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
+        """Show angles of a wheel that is adjusted, of images taken at this time of the monotonic clock."""
         with self._lock:
-            self._send_status()
+            self._live[angles.wheel] = (angles, measured_s)
+            self._send_live(angles.wheel)
 
     def send_results(
         self,
@@ -167,10 +211,11 @@ class StationLine:
         axle_answers: Sequence[AxleAnswer] = (),
         vehicle_answer: VehicleAnswer | None = None,
     ) -> Outcome:
-        """Send all results of the accepted start, then Status with done. Call it after the commit only.
+        """Send all results of the accepted start, then Status with ResultValid. Call it after the commit.
 
-        Wheels and axles without an answer are sent as not requested. Nothing is sent unless all can be.
-        After a LineConnectionError the same call may be made again.
+        Wheels and axles without an answer are sent as not requested. Nothing is sent unless all can be. The
+        results are held, and sent again with the cyclic Status, until the controller acknowledges them; a bus
+        that does not take them now takes them then.
 
         Returns
         -------
@@ -183,188 +228,255 @@ class StationLine:
             an angle does not fit its signal.
         LineError
             When no start of this sequence waits for results.
-        LineConnectionError
-            When the bus does not take a frame; done is then not shown.
         """
         with self._lock:
-            if self._trigger is None or self._trigger.sequence != sequence or self._sent:
+            if not self._handshake.awaits(sequence) or self._trigger is None or self._results:
                 raise LineError(
                     f"results of sequence {sequence} are not awaited: expected an accepted start without "
-                    f"results, found {'none' if self._trigger is None else self._trigger}"
+                    f"results, found the state '{self._handshake.state}' of sequence "
+                    f"{self._handshake.sequence}"
                 )
-            wheels = {answer.wheel: answer for answer in wheel_answers}
-            axles = {answer.axle: answer for answer in axle_answers}
-            answered = {name for name, a in wheels.items() if a.outcome is not Outcome.NOT_REQUESTED}
-            _require_names("wheel", [answer.wheel for answer in wheel_answers], self._database.wheels)
-            _require_names("axle", [answer.axle for answer in axle_answers], self._database.axles)
-            if answered != set(self._trigger.wheels):
-                raise InputError(
-                    field="wheel_answers",
-                    expected=f"an outcome for {', '.join(self._trigger.wheels)} and no other wheel",
-                    seen=", ".join(sorted(answered)) or "none",
-                )
-            vehicle = vehicle_answer or VehicleAnswer(Outcome.NOT_REQUESTED)
-            answers: list[WheelAnswer | AxleAnswer | VehicleAnswer] = [
-                *wheels.values(),
-                *axles.values(),
-                vehicle,
-            ]
-            overall = overall_outcome(answer.outcome for answer in answers)
-            frames: list[can.Message] = []
-            for name in self._database.wheels:
-                wheel = wheels.get(name) or WheelAnswer(name, Outcome.NOT_REQUESTED)
-                frames += wheel_frames(self._database, sequence, wheel)
-            for name in self._database.axles:
-                axle = axles.get(name) or AxleAnswer(name, Outcome.NOT_REQUESTED)
-                frames += axle_frames(self._database, sequence, axle)
-            frames.append(vehicle_frame(self._database, sequence, overall, vehicle))
-            for frame in frames:
-                self._bus.send(frame)
-            self._sent = True
-            self._send_status()
+            overall, self._results = result_frames(
+                self._database,
+                sequence,
+                self._trigger.wheels,
+                wheel_answers,
+                axle_answers,
+                vehicle_answer or VehicleAnswer(Outcome.NOT_REQUESTED),
+            )
+            self._repeat_results()
             return overall
 
-    def refuse(self, sequence: int, code: LineErrorCode) -> None:
-        """Decline an accepted start, such as one of an unknown vehicle type; the sequence may be used again.
+    def restore_results(
+        self,
+        sequence: int,
+        wheel_answers: Sequence[WheelAnswer],
+        axle_answers: Sequence[AxleAnswer] = (),
+        vehicle_answer: VehicleAnswer | None = None,
+    ) -> Outcome:
+        """Offer results of an earlier run of the program that nobody acknowledged; before anything else.
 
         Raises
         ------
-        LineError
-            When no start of this sequence waits for results.
+        InputError
+            As `send_results`.
         """
         with self._lock:
-            if self._trigger is None or self._trigger.sequence != sequence or self._sent:
-                raise LineError(f"sequence {sequence} cannot be refused: it does not wait for results")
+            wheels = tuple(a.wheel for a in wheel_answers if a.outcome is not Outcome.NOT_REQUESTED)
+            overall, self._results = result_frames(
+                self._database,
+                sequence,
+                wheels,
+                wheel_answers,
+                axle_answers,
+                vehicle_answer or VehicleAnswer(Outcome.NOT_REQUESTED),
+            )
+            self._handshake.restore(sequence)
+            self._repeat_results()
+            return overall
+
+    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+        """Decline an accepted start or preparation, such as one of an unknown vehicle type.
+
+        The sequence may be used again. Harmless when it is no longer in hand.
+        """
+        with self._lock:
+            if self._reset_pending:
+                return
+            self._handshake.refuse(sequence, code)
             self._trigger = None
-            self._last_sequence = None
-            self._refuse(sequence, code)
+            self._note_refusal(sequence, code)
+            self._send_status()
+            self._send_answer()
+
+    def tick(self) -> None:
+        """Send the cyclic messages once, and look whether the controller is alive."""
+        with self._lock:
+            self._watch()
+            self._send_status()
+            self._send_answer()
+            if self._results:
+                self._repeat_results()
+            else:
+                self._send_slow("VehicleResult", lambda: self._sent(self._blank))
+            for wheel in list(self._live):
+                self._send_live(wheel)
+            self._send_slow("StationInfo", lambda: self._send(info_frame(self._database, self._info)))
+            self._send_slow("ErrorDetail", self._send_detail)
 
     def receive(self, frame: can.Message) -> None:
         """Take one frame; the bus's receiving thread calls this. Nothing a frame holds makes it raise."""
-        name = self._database.name_of(frame)
-        if name != "Command" and name not in self._database.vin_messages:
-            return
-        try:
-            values = self._database.decode(frame)
-        except InputError:
-            self.ignored_frames += 1
-            return
         with self._lock:
+            read = self._link.read(frame)
+            if read is None:
+                return
+            name, values = read
             if name == "Command":
                 self._receive_command(values)
-            else:
+            elif name in self._database.vin_messages:
                 self._vin.add(name, values, self._clock())
 
     def _cyclic_step(self, stopping: threading.Event, period_s: float) -> None:
         if not stopping.wait(period_s):
             self.tick()
 
+    def _watch(self) -> None:
+        now = self._clock()
+        heard = self._link.heard_s("Command")
+        if self._link_up and (heard is None or now - heard > self._timeout_s):
+            self._link_up = False
+            _LOG.warning("controller lost: no good Command frame for %g s", self._timeout_s)
+            self._link.forget()
+            self._vin.clear()
+            self._happened(Event.LINK_LOST)
+        if now - self._prepared_s > PREPARE_LIFETIME_S:
+            self._happened(Event.PREPARE_EXPIRED)
+
+    def _happened(self, event: Event) -> None:
+        command = self._handshake.happened(event)
+        if event in (Event.CYCLE_READY, Event.CYCLE_FAULT):
+            self._end_start()
+        if command is not None:
+            self._commands.put(command)
+
+    def _end_start(self) -> None:
+        if not self._handshake.busy and not self._handshake.held:
+            self._trigger = None
+            self._results = []
+        if not self._handshake.busy:
+            self._live.clear()
+
     def _line_status(self) -> LineStatus:
-        fault = self._status.state == StationState.FAULT
-        open_start = self._trigger is not None
-        station_error = self._status.error_code != LineErrorCode.NONE
+        handshake, status = self._handshake, self._status
+        code, code_sequence = status.error_code, handshake.sequence
+        if code is LineErrorCode.NONE and not self._link_up:
+            code = LineErrorCode.COMMUNICATION_LOST
+        if code is LineErrorCode.NONE:
+            code, code_sequence = self._refusal, self._refused_sequence
         return LineStatus(
-            state=self._status.state,
-            sequence=self._shown_sequence,
-            ready=not open_start
-            and not self._reset_pending
-            and self._status.state in (StationState.IDLE, StationState.ARMED),
-            busy=open_start and not self._sent and not fault,
-            done=open_start and self._sent,
-            fault=fault,
+            state=status.state,
+            sequence=handshake.sequence,
+            ready=handshake.ready and self._link_up,
+            busy=handshake.busy,
+            done=handshake.held,
+            fault=status.state is StationState.FAULT,
             alive_counter=self._alive_counter,
-            error_code=self._status.error_code if station_error else self._refusal,
-            error_sequence=self._shown_sequence if station_error else self._refused_sequence,
+            error_code=code,
+            error_sequence=code_sequence,
+            handshake=handshake.state,
         )
+
+    def _send(self, frame: can.Message) -> bool:
+        """Send a frame that comes again; a failure is counted in the health of the bus."""
+        with contextlib.suppress(LineConnectionError):
+            self._link.send(frame)
+            return True
+        return False
 
     def _send_status(self) -> None:
-        frame = status_frame(self._database, self._line_status())
-        # A failure is counted in the health of the bus; the next cyclic Status tries again.
-        with contextlib.suppress(LineConnectionError):
-            self._bus.send(frame)
+        if self._send(status_frame(self._database, self._line_status())):
             self._alive_counter = (self._alive_counter + 1) % 256
 
-    def _receive_command(self, values: dict[str, Value]) -> None:
-        sequence = int(values["Sequence"])
-        match values["Code"]:
-            case "none":
-                pass
-            case "start":
-                self._receive_start(sequence, values)
-            case "abort":
-                self._receive_abort(sequence)
-            case "acknowledge":
-                self._receive_acknowledge(sequence)
-            case "reset":
-                with contextlib.suppress(queue.Empty):
-                    while True:
-                        self._commands.get_nowait()
-                self._trigger = None
-                self._last_sequence = None
-                self._shown_sequence = sequence
-                self._vin.clear()
-                self._reset_pending = True
-                self._deliver(Reset(sequence))
-            case _:
-                self._refuse(sequence, LineErrorCode.UNKNOWN_COMMAND)
-
-    def _receive_start(self, sequence: int, values: dict[str, Value]) -> None:
-        ending = self._database.wheels
-        wheels = tuple(wheel for wheel in ending if values[f"Wheel{ending[wheel]}"])
-        vin = self._vin.read(sequence, self._clock())
-        if self._trigger is not None:
-            if sequence != self._trigger.sequence:
-                self._refuse(sequence, LineErrorCode.NOT_ACKNOWLEDGED if self._sent else LineErrorCode.BUSY)
-        elif self._reset_pending:
-            # Until the cycle has dropped the old vehicle, its results could go out under a used number.
-            self._refuse(sequence, LineErrorCode.BUSY)
-        elif self._status.state == StationState.FAULT:
-            self._refuse(sequence, LineErrorCode.RESET_REQUIRED)
-        elif sequence == self._last_sequence:
-            self._refuse(sequence, LineErrorCode.SEQUENCE_USED)
-        elif not wheels:
-            self._refuse(sequence, LineErrorCode.NO_WHEELS)
-        elif vin is VinState.INCOMPLETE:
-            self._refuse(sequence, LineErrorCode.VIN_INCOMPLETE)
-        elif vin is VinState.INVALID:
-            self._refuse(sequence, LineErrorCode.VIN_INVALID)
-        else:
-            self._trigger = Trigger(sequence, wheels, int(values["VehicleType"]), vin, self._clock())
-            self._last_sequence = self._shown_sequence = sequence
-            self._sent = self._aborted = False
-            self._vin.clear()
-            self._deliver(self._trigger)
-
-    def _receive_abort(self, sequence: int) -> None:
-        if sequence != self._last_sequence:
-            self._refuse(sequence, LineErrorCode.WRONG_SEQUENCE)
-        elif self._trigger is not None and not self._sent and not self._aborted:
-            self._aborted = True
-            self._deliver(Abort(sequence))
-
-    def _receive_acknowledge(self, sequence: int) -> None:
-        if sequence != self._last_sequence:
-            self._refuse(sequence, LineErrorCode.WRONG_SEQUENCE)
-        elif self._trigger is not None and not self._sent:
-            self._refuse(sequence, LineErrorCode.NOTHING_TO_ACKNOWLEDGE)
-        elif self._trigger is not None:
-            self._trigger = None
-            self._deliver(Acknowledge(sequence))
-
-    def _deliver(self, command: Command) -> None:
-        self._refusal, self._refused_sequence = LineErrorCode.NONE, 0
-        self._commands.put(command)
-        self._send_status()
-
-    def _refuse(self, sequence: int, code: LineErrorCode) -> None:
-        self._refusal, self._refused_sequence = code, sequence
-        self._send_status()
-
-
-def _require_names(what: str, given: Sequence[str], known: Sequence[str] | dict[str, str]) -> None:
-    if len(set(given)) != len(given) or not set(given) <= set(known):
-        raise InputError(
-            field=f"{what}_answers",
-            expected=f"each {what} of {', '.join(known)} at most once",
-            seen=", ".join(given),
+    def _send_answer(self) -> None:
+        reply = self._handshake.reply
+        answer = CommandAnswer(
+            reply.code, reply.sequence, reply.answer, reply.refusal, self._link_up, self._heartbeat
         )
+        self._send(answer_frame(self._database, answer))
+
+    def _send_detail(self) -> None:
+        status = self._line_status()
+        self._send(
+            detail_frame(
+                self._database, status.error_code, status.error_sequence, self._status.wheel, self._faults
+            )
+        )
+
+    def _send_slow(self, name: str, send: Callable[[], object]) -> None:
+        now = self._clock()
+        if now >= self._due.get(name, now):
+            send()
+            self._due[name] = now + (self._database.cycle_time_s(name) or 0.0)
+
+    def _send_live(self, wheel: str) -> None:
+        angles, measured_s = self._live[wheel]
+        if self._clock() - measured_s > self._options.live_age_s:
+            angles = replace(angles, state=LiveState.STALE, camber_deg=None, toe_deg=None)
+        self._send(live_frame(self._database, angles))
+
+    def _repeat_results(self) -> None:
+        """Send the held results; ResultValid is shown from the first time that all of them went out."""
+        if not self._sent(self._results):
+            return
+        if self._handshake.busy:
+            self._handshake.happened(Event.RESULTS_SENT)
+            self._live.clear()
+            self._send_status()
+
+    def _sent(self, frames: Iterable[can.Message]) -> bool:
+        return all(self._send(frame) for frame in frames)
+
+    def _receive_command(self, values: dict[str, Value]) -> None:
+        if not self._link_up:
+            self._link_up = True
+            _LOG.info("controller is heard")
+        self._heartbeat = int(values["Heartbeat"])
+        sequence = int(values["Sequence"])
+        try:
+            asked = self._asked(CommandCode(str(values["Code"])), sequence, values)
+        except ValueError:
+            self._note_refusal(sequence, LineErrorCode.UNKNOWN_COMMAND)
+            self._send_status()
+            return
+        before = self._handshake.state, self._handshake.reply
+        command = self._handshake.asked(asked)
+        if command is not None:
+            self._accepted(command)
+        reply = self._handshake.reply
+        if before == (self._handshake.state, reply) and command is None:
+            return
+        self._note_refusal(reply.sequence, reply.refusal)
+        self._send_status()
+        self._send_answer()
+
+    def _asked(self, code: CommandCode, sequence: int, values: dict[str, Value]) -> Asked:
+        endings = self._database.wheels
+        wheels = tuple(wheel for wheel in endings if values[f"Wheel{endings[wheel]}"])
+        now = self._clock()
+        trouble, vin, mode = LineErrorCode.NONE, "", Mode.AUTOMATIC
+        if code in (CommandCode.START, CommandCode.PREPARE):
+            known = values["Mode"] in self._options.modes
+            mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC
+            found = self._vin.read(sequence, now)
+            if sequence == 0:
+                trouble = LineErrorCode.WRONG_SEQUENCE
+            elif not known:
+                trouble = LineErrorCode.MODE_NOT_AVAILABLE
+            elif not wheels:
+                trouble = LineErrorCode.NO_WHEELS
+            elif code is CommandCode.START and isinstance(found, VinState):
+                trouble = _VIN_TROUBLE[found]
+            elif isinstance(found, str):
+                vin = found
+        return Asked(code, sequence, wheels, int(values["VehicleType"]), mode, vin, now, trouble)
+
+    def _accepted(self, command: Command) -> None:
+        if isinstance(command, Trigger):
+            self._trigger, self._results = command, []
+            self._vin.clear()
+        elif isinstance(command, Reset):
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    self._commands.get_nowait()
+            self._trigger, self._results = None, []
+            self._live.clear()
+            self._vin.clear()
+            self._reset_pending = True
+        self._prepared_s = self._clock()
+        if not self._handshake.held and not self._handshake.busy:
+            self._results = []
+        self._commands.put(command)
+
+    def _note_refusal(self, sequence: int, code: LineErrorCode) -> None:
+        self._refusal = code
+        self._refused_sequence = sequence if code is not LineErrorCode.NONE else 0

@@ -26,6 +26,7 @@ class Outcome(enum.StrEnum):
     FAULT = "fault"
     ABORTED = "aborted"
     NOT_REQUESTED = "not_requested"
+    RECORDED = "recorded"
 
     @property
     def judged(self) -> bool:
@@ -43,6 +44,94 @@ class StationState(enum.StrEnum):
     STORING = "storing"
     REPORTING = "reporting"
     FAULT = "fault"
+    ADJUSTING = "adjusting"
+
+
+class HandshakeState(enum.StrEnum):
+    """Where station and controller stand with each other; the words of the DBC's value table.
+
+    STARTING: the station is not up yet. READY: a start would be accepted. PREPARED: the next vehicle is
+    announced. BUSY: a start was accepted. ADJUSTING: so was one in the mode adjust, and live angles go out.
+    ENDING: the running cycle was aborted and ends. HELD: results went out and wait for their
+    acknowledgement. CLOSING: they were acknowledged, which is being stored. RESETTING: a reset waits for the
+    cycle. FAULT: only a reset leads out.
+    """
+
+    STARTING = "starting"
+    READY = "ready"
+    PREPARED = "prepared"
+    BUSY = "busy"
+    ADJUSTING = "adjusting"
+    ENDING = "ending"
+    HELD = "held"
+    CLOSING = "closing"
+    RESETTING = "resetting"
+    FAULT = "fault"
+
+
+class Mode(enum.StrEnum):
+    """What a start does; the words of the DBC's value table.
+
+    AUTOMATIC: measure, judge, store, report. ADJUST: live angles until a stop, then as automatic.
+    MASTER_CHECK: as automatic, of a master wheel, stored as a check of the calibration too. CALIBRATE: images
+    are recorded and nothing is judged.
+    """
+
+    AUTOMATIC = "automatic"
+    ADJUST = "adjust"
+    MASTER_CHECK = "master_check"
+    CALIBRATE = "calibrate"
+
+
+class CommandCode(enum.StrEnum):
+    """What the controller asks; the words of the DBC's value table."""
+
+    NONE = "none"
+    PREPARE = "prepare"
+    START = "start"
+    STOP = "stop"
+    ABORT = "abort"
+    RESET = "reset"
+    ACKNOWLEDGE = "acknowledge"
+
+
+class Answer(enum.StrEnum):
+    """Answer to a command; the words of the DBC's value table."""
+
+    NONE = "none"
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+
+
+class Quality(enum.StrEnum):
+    """How much of a rig stands behind a wheel; the words of the DBC's value table."""
+
+    NONE = "none"
+    FULL = "full"
+    DEGRADED = "degraded"
+
+
+class Part(enum.StrEnum):
+    """Part of the station that an error code is about; the words of the DBC's value table."""
+
+    NONE = "none"
+    LINE = "line"
+    CYCLE = "cycle"
+    CAMERAS = "cameras"
+    CALIBRATION = "calibration"
+    MEASUREMENT = "measurement"
+    STORE = "store"
+    CONFIGURATION = "configuration"
+
+
+class LiveState(enum.StrEnum):
+    """What a live angle is worth; the words of the DBC's value table."""
+
+    NONE = "none"
+    INSIDE = "inside"
+    OUTSIDE = "outside"
+    STALE = "stale"
+    NOT_MEASURED = "not_measured"
 
 
 class LineErrorCode(enum.StrEnum):
@@ -64,6 +153,10 @@ class LineErrorCode(enum.StrEnum):
     RESET_REQUIRED = "reset_required"
     UNKNOWN_VEHICLE_TYPE = "unknown_vehicle_type"
     WHEEL_NOT_AVAILABLE = "wheel_not_available"
+    NOTHING_TO_STOP = "nothing_to_stop"
+    START_STALE = "start_stale"
+    RESETTING = "resetting"
+    MODE_NOT_AVAILABLE = "mode_not_available"
 
     CAMERA_FAULT = "camera_fault"
     CALIBRATION_FAULT = "calibration_fault"
@@ -74,6 +167,8 @@ class LineErrorCode(enum.StrEnum):
     INTERNAL_FAULT = "internal_fault"
     LINE_FAULT = "line_fault"
     STARTING = "starting"
+    COMMUNICATION_LOST = "communication_lost"
+    ADJUST_TIMEOUT = "adjust_timeout"
 
 
 @dataclass(frozen=True)
@@ -92,6 +187,8 @@ class Trigger:
         17 characters.
     received_s
         When the start command arrived, seconds of the line's monotonic clock.
+    mode
+        What to do with them.
     """
 
     sequence: int
@@ -99,13 +196,35 @@ class Trigger:
     vehicle_type: int
     vin: str
     received_s: float = field(default=0.0, compare=False)
+    mode: Mode = Mode.AUTOMATIC
+
+
+@dataclass(frozen=True)
+class Prepare:
+    """The next vehicle will be of this type, with these wheels, in this mode."""
+
+    sequence: int
+    wheels: tuple[str, ...]
+    vehicle_type: int
+    mode: Mode = Mode.AUTOMATIC
+
+
+@dataclass(frozen=True)
+class Stop:
+    """End the adjusting of this sequence: measure and judge."""
+
+    sequence: int
 
 
 @dataclass(frozen=True)
 class Abort:
-    """End the running cycle; its wheels become aborted. Harmless when no cycle of this sequence runs."""
+    """End the running cycle; its wheels become aborted. Harmless when no cycle of this sequence runs.
+
+    `reason` is what asked for it: the controller, or the line itself when the communication was lost.
+    """
 
     sequence: int
+    reason: LineErrorCode = LineErrorCode.NONE
 
 
 @dataclass(frozen=True)
@@ -122,7 +241,7 @@ class Acknowledge:
     sequence: int
 
 
-Command = Trigger | Abort | Reset | Acknowledge
+Command = Trigger | Prepare | Stop | Abort | Reset | Acknowledge
 
 
 def _require_complete(what: str, outcome: Outcome, values: dict[str, float | None]) -> None:
@@ -149,6 +268,8 @@ def _require_complete(what: str, outcome: Outcome, values: dict[str, float | Non
 class WheelAnswer:
     """Outcome of one wheel. ok and nok carry all four finite values, every other outcome none of them.
 
+    Quality and residual (RMS, millimetres) explain a judged wheel; what is not known of them stays empty.
+
     Raises
     ------
     InputError
@@ -161,6 +282,8 @@ class WheelAnswer:
     toe_deg: float | None = None
     camber_u95_deg: float | None = None
     toe_u95_deg: float | None = None
+    quality: Quality = Quality.NONE
+    residual_mm: float | None = None
 
     def __post_init__(self) -> None:
         values = {
@@ -227,15 +350,31 @@ def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
     not requested do not count; without any other part the whole was not requested either.
     """
     present = set(outcomes)
-    for outcome in (Outcome.ABORTED, Outcome.FAULT, Outcome.NOK, Outcome.OK):
+    for outcome in (Outcome.ABORTED, Outcome.FAULT, Outcome.NOK, Outcome.OK, Outcome.RECORDED):
         if outcome in present:
             return outcome
     return Outcome.NOT_REQUESTED
 
 
 @dataclass(frozen=True)
+class LiveAngles:
+    """Angles of one wheel while it is adjusted; degrees, None unless measured.
+
+    `shot` counts the measurements of this wheel, 0 to 255 and again.
+    """
+
+    wheel: str
+    state: LiveState
+    shot: int = 0
+    camber_deg: float | None = None
+    toe_deg: float | None = None
+
+
+@dataclass(frozen=True)
 class StationStatus:
     """What the measuring cycle says of itself; the line adds sequence, busy, done and the alive counter.
+
+    `wheel` names the first wheel that the error code is about, where it is about one.
 
     Raises
     ------
@@ -245,6 +384,7 @@ class StationStatus:
 
     state: StationState
     error_code: LineErrorCode = LineErrorCode.NONE
+    wheel: str | None = None
 
     def __post_init__(self) -> None:
         if self.state == StationState.FAULT and self.error_code == LineErrorCode.NONE:
@@ -255,7 +395,10 @@ class StationStatus:
 
 @dataclass(frozen=True)
 class LineStatus:
-    """One Status message as it is on the bus; the attributes are the signals of the DBC."""
+    """One Status message as it is on the bus; the attributes are the signals of the DBC.
+
+    `done` is ResultValid: the results of `sequence` went out and wait for their acknowledgement.
+    """
 
     state: StationState
     sequence: int
@@ -266,3 +409,25 @@ class LineStatus:
     alive_counter: int
     error_code: LineErrorCode
     error_sequence: int
+    handshake: HandshakeState = HandshakeState.STARTING
+
+
+@dataclass(frozen=True)
+class CommandAnswer:
+    """One CommandAnswer message: what became of the last command, and whether the controller is heard."""
+
+    code: CommandCode
+    sequence: int
+    answer: Answer
+    error_code: LineErrorCode
+    link_up: bool
+    heartbeat: int
+
+
+@dataclass(frozen=True)
+class StationInfo:
+    """One StationInfo message: versions, and a number that changes when the program starts again."""
+
+    interface: tuple[int, int]
+    software: tuple[int, int, int]
+    boot: int

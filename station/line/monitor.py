@@ -173,7 +173,7 @@ def _follow(cycle: CycleTrace, frame: DecodedFrame) -> None:
     if frame.name == "Status":
         if frame.values["Busy"] and cycle.busy_s is None:
             cycle.busy_s = frame.time_s
-        if frame.values["Done"] and cycle.done_s is None:
+        if frame.values["ResultValid"] and cycle.done_s is None:
             cycle.done_s = frame.time_s
             if not cycle.result_times_s:
                 cycle.out_of_order.append("done came before any result")
@@ -182,9 +182,9 @@ def _follow(cycle: CycleTrace, frame: DecodedFrame) -> None:
             cycle.acknowledged_s = frame.time_s
             if cycle.done_s is None:
                 cycle.out_of_order.append("acknowledge came before done")
-    else:
-        cycle.result_times_s.append(frame.time_s)
+    elif frame.name is not None and ("Result" in frame.name or "Uncertainty" in frame.name):
+        # After done they are repetitions of what is held.
+        if cycle.done_s is None:
+            cycle.result_times_s.append(frame.time_s)
         if cycle.busy_s is None:
             cycle.out_of_order.append(f"{frame.name} came before busy")
-        if cycle.done_s is not None:
-            cycle.out_of_order.append(f"{frame.name} came after done")

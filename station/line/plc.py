@@ -1,102 +1,69 @@
-"""A simulated line controller: sends VIN and start, waits for the results, takes them over.
+"""A simulated line controller: sends VIN and commands, waits for the results, takes them over.
 
-It behaves as a careful PLC program would: every wait is bounded, a silent station is noticed, results count
-only when done is shown with the right sequence, and they must be complete and free of contradiction.
+It behaves as a careful PLC program would: its Command goes out cyclically, every wait is bounded, a silent
+station is noticed, frames count only with good CRC and counter, results only when ResultValid is shown with
+the right sequence, and they must be complete and free of contradiction. A command stands until the station
+has answered it; when the station is lost, it is withdrawn.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from types import TracebackType
 from typing import Self
 
 import can
 
-from alignment.errors import InputError, LineError, LineTimeoutError
-from station.line.bus import BusSettings, LineBus, open_bus
+from alignment.errors import InputError, LineConnectionError, LineError, LineTimeoutError
+from station.line.bus import LineBus, open_bus
+from station.line.channel import BusSettings
 from station.line.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
+from station.line.link import LinkHealth, ProtectedLink
 from station.line.messages import (
-    AxleAnswer,
+    Answer,
+    CommandAnswer,
+    CommandCode,
     LineErrorCode,
     LineStatus,
-    Outcome,
-    VehicleReport,
-    WheelAnswer,
-    overall_outcome,
+    LiveAngles,
+    Mode,
 )
-from station.line.results import read_axle, read_status, read_vehicle, read_wheel
+from station.line.orders import (
+    DEFAULT_TIMEOUTS,
+    PlcOrder,
+    PlcResult,
+    PlcTimeouts,
+    ReceivedMessage,
+    first_shown,
+)
+from station.line.plc_results import missing_results, read_results
+from station.line.results import read_live
+from station.line.status import read_answer, read_status
+from station.line.supervised import SupervisedThread
+from station.line.vin import checked_vin
+
+COMMAND_PERIOD_S = 0.1
+# Goes out between vehicles, so that the counters of the VIN's frames stay in step.
+_NO_VIN = "\0" * VIN_LENGTH
+# Refusals that pass while the command stands.
+_PASSING = frozenset({LineErrorCode.VIN_INCOMPLETE, LineErrorCode.STARTING})
 
 
 @dataclass(frozen=True)
-class PlcOrder:
-    """One vehicle to measure: its VIN, the number of its type, and the wheels; None means all of the line."""
+class _Standing:
+    """The command that stands on the bus."""
 
-    vin: str
-    vehicle_type: int = 1
-    wheels: tuple[str, ...] | None = None
-
-
-@dataclass(frozen=True)
-class PlcTimeouts:
-    """How long the controller waits, seconds.
-
-    Attributes
-    ----------
-    ready_s, busy_s, done_s, acknowledged_s
-        For ready (also after a reset), for busy after start, for done after busy, for the end of done after
-        the acknowledgement.
-    silence_s
-        Without any Status for so long, a station once heard counts as lost.
-    """
-
-    ready_s: float = 5.0
-    busy_s: float = 1.0
-    done_s: float = 60.0
-    acknowledged_s: float = 2.0
-    silence_s: float = 1.0
-
-
-@dataclass(frozen=True)
-class ReceivedMessage:
-    """One message from the station: when (seconds of the controller's clock), its name, its signals."""
-
-    time_s: float
-    name: str
-    values: dict[str, Value]
-
-
-@dataclass(frozen=True)
-class PlcResult:
-    """Everything one vehicle brought.
-
-    Attributes
-    ----------
-    order, sequence
-        What was asked.
-    vehicle
-        Verdict of the vehicle and thrust angle.
-    wheels, axles
-        Of all wheels and axles of the line, also those not requested.
-    started_s, busy_s, done_s, acknowledged_s
-        When start was sent, busy and done were seen, and the end of done was seen after acknowledge.
-    received
-        All messages of the station from start to the end of done, in order.
-    """
-
-    order: PlcOrder
-    sequence: int
-    vehicle: VehicleReport
-    wheels: tuple[WheelAnswer, ...]
-    axles: tuple[AxleAnswer, ...]
-    started_s: float
-    busy_s: float
-    done_s: float
-    acknowledged_s: float
-    received: tuple[ReceivedMessage, ...]
+    code: CommandCode = CommandCode.NONE
+    sequence: int = 0
+    wheels: tuple[str, ...] = ()
+    vehicle_type: int = 0
+    mode: Mode = Mode.AUTOMATIC
+    vin: str | None = None
 
 
 class PlcSimulator:
@@ -114,6 +81,8 @@ class PlcSimulator:
         Bounds of all waits.
     sequence
         The number before the first one it will use.
+
+    As a context it sends its Command cyclically in a supervised thread; without it call `tick`.
     """
 
     def __init__(
@@ -121,7 +90,7 @@ class PlcSimulator:
         bus: LineBus,
         database: LineDatabase,
         clock: Callable[[], float] = time.monotonic,
-        timeouts: PlcTimeouts = PlcTimeouts(),
+        timeouts: PlcTimeouts = DEFAULT_TIMEOUTS,
         sequence: int = 0,
     ) -> None:
         self._bus = bus
@@ -129,20 +98,36 @@ class PlcSimulator:
         self._clock = clock
         self._timeouts = timeouts
         self._sequence = sequence
+        self._link = ProtectedLink(bus, database, clock)
         self._changed = threading.Condition()
+        self._standing = _Standing()
+        self._sending = threading.Lock()
+        self._heartbeat = 0
+        self._vin_due_s = clock()
+        self._silent = False
         self._status: LineStatus | None = None
-        self._heard_s = clock()
+        self._answer: CommandAnswer | None = None
         self._received: list[ReceivedMessage] = []
         self._recording = False
         self._results: dict[str, dict[str, Value]] = {}
+        self._live: dict[str, LiveAngles] = {}
+        period_s = database.cycle_time_s("Command") or COMMAND_PERIOD_S
+        self._cyclic = SupervisedThread("line plc", lambda stopping: self._cyclic_step(stopping, period_s))
         bus.listen(self._receive)
 
+    def start(self) -> Self:
+        """Begin the cyclic Command; the first one goes out at once."""
+        self.tick()
+        self._cyclic.start()
+        return self
+
     def close(self) -> None:
-        """Stop listening; harmless when closed."""
+        """End the cyclic Command and stop listening; harmless when closed."""
         self._bus.unlisten(self._receive)
+        self._cyclic.stop()
 
     def __enter__(self) -> Self:
-        return self
+        return self.start()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -151,12 +136,75 @@ class PlcSimulator:
 
     @property
     def status(self) -> LineStatus | None:
-        """The last Status received."""
+        """The last good Status."""
         with self._changed:
             return self._status
 
+    @property
+    def live(self) -> dict[str, LiveAngles]:
+        """The last live angles of each wheel."""
+        with self._changed:
+            return dict(self._live)
+
+    @property
+    def link_health(self) -> LinkHealth:
+        """Frames of the station that counted and that did not."""
+        return self._link.health
+
+    def tick(self) -> None:
+        """Send the standing command once; withdraw it when the station is lost."""
+        heard = self._link.heard_s("Status")
+        if heard is not None and self._clock() - heard > self._timeouts.silence_s:
+            with self._changed:
+                self._silent = True
+                self._standing = _Standing()
+                self._results.clear()
+                self._live.clear()
+                self._link.forget()
+                self._changed.notify_all()
+        self._send_standing()
+
+    def connect(self) -> LineStatus:
+        """Wait until the station is heard and hears this controller.
+
+        Raises
+        ------
+        LineTimeoutError
+            When it does not come in time.
+        """
+        heard, _ = self._wait(
+            "a station that hears the controller",
+            self._timeouts.connect_s,
+            lambda status: self._answer is not None and self._answer.link_up,
+            patient=True,
+        )
+        return heard
+
+    def start_up(self) -> PlcResult | None:
+        """What a controller does first: take over results that wait, and reset a station that is not ready.
+
+        Returns
+        -------
+        The results that the station held from before, or None.
+
+        Raises
+        ------
+        LineTimeoutError, LineError
+            As `run`.
+        """
+        status = self.connect()
+        taken = None
+        if status.done:
+            self._record()
+            taken = self._take_over(None, status.sequence, self._clock())
+            self._sequence = status.sequence
+        status = self.status or status
+        if not status.ready and not status.busy:
+            self.reset()
+        return taken
+
     def reset(self) -> LineStatus:
-        """Send reset and wait until the station is ready; a controller that starts does this first.
+        """Reset the station and wait until it is ready.
 
         Raises
         ------
@@ -164,16 +212,18 @@ class PlcSimulator:
             When the station is silent or does not become ready in time.
         """
         sequence = self._next_sequence()
-        self._send_command("reset", sequence)
-        ready = self._wait(
+        self.command(CommandCode.RESET, sequence)
+        ready, _ = self._wait(
             f"ready after reset {sequence}",
             self._timeouts.ready_s,
             lambda status: status.ready and status.sequence == sequence,
+            patient=True,
         )
-        return ready[0]
+        self.withdraw()
+        return ready
 
     def run(self, order: PlcOrder) -> PlcResult:
-        """Measure one vehicle: wait for ready, start, wait for done, read the results, acknowledge.
+        """Measure one vehicle: wait for ready, start, wait for the results, read and acknowledge them.
 
         Raises
         ------
@@ -185,26 +235,247 @@ class PlcSimulator:
             When the station refuses the start or reports a fault, or the results are incomplete or
             contradictory.
         """
+        return self.finish(order, *self.begin(order))
+
+    def begin(self, order: PlcOrder) -> tuple[int, float]:
+        """Start one vehicle and wait for busy; number of the start and when it was sent. Raises as `run`."""
+        checked_vin(order.vin)
+        self._wheels(order)
         self._wait("ready", self._timeouts.ready_s, lambda status: status.ready)
         sequence = self._next_sequence()
+        self._record()
+        started_s = self._clock()
+        self.give(CommandCode.START, order, sequence)
+        self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
+        self.withdraw()
+        return sequence, started_s
+
+    def finish(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
+        """Wait for the results of a start that was begun, read and acknowledge them. Raises as `run`."""
+        self._wait_in_cycle("results", self._timeouts.done_s, sequence, lambda s: s.done)
+        return self._take_over(order, sequence, started_s)
+
+    def prepare(self, order: PlcOrder) -> None:
+        """Announce the next vehicle.
+
+        Raises
+        ------
+        LineTimeoutError, LineError
+            When the station does not answer in time, or refuses.
+        """
+        self.give(CommandCode.PREPARE, order, self._next_sequence())
+        self._answered()
+
+    def stop(self, sequence: int) -> None:
+        """End adjusting. Raises as `prepare`."""
+        self.command(CommandCode.STOP, sequence)
+        self._answered()
+
+    def abort(self, sequence: int | None = None) -> None:
+        """Abort a cycle; the last one started when no sequence is given. Raises as `prepare`."""
+        self.command(CommandCode.ABORT, self._sequence if sequence is None else sequence)
+        self._answered()
+
+    def acknowledge(self, sequence: int) -> None:
+        """Put the acknowledgement on the bus; it stands until another command or `withdraw`."""
+        self.command(CommandCode.ACKNOWLEDGE, sequence)
+
+    def give(self, code: CommandCode, order: PlcOrder, sequence: int) -> None:
+        """Put prepare or start of an order on the bus, its VIN before; it stands until `withdraw`."""
+        wheels = self._wheels(order)
+        self._put(_Standing(code, sequence, wheels, order.vehicle_type, order.mode, checked_vin(order.vin)))
+
+    def command(self, code: CommandCode, sequence: int) -> None:
+        """Put another command on the bus; it stands until `withdraw`."""
+        self._put(_Standing(code, sequence))
+
+    def withdraw(self) -> None:
+        """Go back to none."""
+        self._put(replace(self._standing, code=CommandCode.NONE, vin=None))
+
+    def answer_to(self, code: CommandCode, sequence: int) -> CommandAnswer:
+        """Wait for the final answer to a command that stands on the bus.
+
+        Raises
+        ------
+        LineTimeoutError
+            When there is none in time.
+        """
+
+        def answered(status: LineStatus) -> bool:
+            found = self._answer
+            return (
+                found is not None
+                and (found.code, found.sequence) == (code, sequence)
+                and (found.answer is Answer.ACCEPTED or found.error_code not in _PASSING)
+            )
+
+        self._wait(f"an answer to {code} {sequence}", self._timeouts.busy_s, answered)
+        assert self._answer is not None
+        return self._answer
+
+    def wait_for(self, what: str, timeout_s: float, reached: Callable[[LineStatus], bool]) -> LineStatus:
+        """Wait for a Status.
+
+        Raises
+        ------
+        LineTimeoutError
+            When it does not come in time, or the station is silent.
+        """
+        return self._wait(what, timeout_s, reached)[0]
+
+    def _answered(self) -> None:
+        standing = self._standing
+        found = self.answer_to(standing.code, standing.sequence)
+        self.withdraw()
+        if found.answer is Answer.REFUSED:
+            raise LineError(
+                f"the station refused {standing.code} at sequence {standing.sequence}: {found.error_code}"
+            )
+
+    def _next_sequence(self) -> int:
+        self._sequence = self._sequence % 255 + 1
+        return self._sequence
+
+    def _wheels(self, order: PlcOrder) -> tuple[str, ...]:
+        wheels = tuple(self._database.wheels) if order.wheels is None else order.wheels
+        if unknown := set(wheels) - set(self._database.wheels):
+            raise InputError(
+                field="wheels",
+                expected=f"wheels of {', '.join(self._database.wheels)}",
+                seen=", ".join(sorted(unknown)),
+            )
+        return wheels
+
+    def _put(self, standing: _Standing) -> None:
+        self._standing = standing
+        self._send_standing()
+
+    def _send_standing(self) -> None:
+        with self._sending:
+            standing = self._standing
+            now = self._clock()
+            if standing.vin is not None or now >= self._vin_due_s:
+                for frame in self._vin_frames(standing.vin or _NO_VIN, standing.sequence):
+                    self._send(frame)
+                self._vin_due_s = now + (self._database.cycle_time_s("Vin1") or 0.0)
+            bits = {f"Wheel{e}": int(name in standing.wheels) for name, e in self._database.wheels.items()}
+            values: dict[str, Value] = {
+                "Code": str(standing.code),
+                "Sequence": standing.sequence,
+                "Mode": str(standing.mode),
+                "VehicleType": standing.vehicle_type,
+                "Heartbeat": self._heartbeat,
+                **bits,
+            }
+            self._send(self._database.encode("Command", values))
+            self._heartbeat = (self._heartbeat + 1) % 256
+
+    def _vin_frames(self, vin: str, sequence: int) -> Iterator[can.Message]:
+        for message, signals in self._database.vin_messages.items():
+            characters: dict[str, Value] = {name: ord(vin[int(name[3:]) - 1]) for name in signals}
+            yield self._database.encode(message, {"SequenceLow": sequence % 16, **characters})
+
+    def _send(self, frame: can.Message) -> None:
+        # What stands is sent again; the health of the bus counts the failure.
+        with contextlib.suppress(LineConnectionError):
+            self._link.send(frame)
+
+    def _cyclic_step(self, stopping: threading.Event, period_s: float) -> None:
+        if not stopping.wait(period_s):
+            self.tick()
+
+    def _receive(self, frame: can.Message) -> None:
+        with self._changed:
+            read = self._link.read(frame)
+            if read is None:
+                return
+            name, values = read
+            if self._recording:
+                self._received.append(ReceivedMessage(self._clock(), name, values))
+            if name == "Status":
+                self._status, self._silent = read_status(values), False
+            elif name == "CommandAnswer":
+                self._answer = read_answer(values)
+            elif name.startswith("LiveAngles"):
+                wheel = next(w for w, e in self._database.wheels.items() if name == f"LiveAngles{e}")
+                self._live[wheel] = read_live(wheel, values)
+            else:
+                self._results[name] = values
+            self._changed.notify_all()
+
+    def _record(self) -> None:
         with self._changed:
             self._received.clear()
             self._recording = True
             self._results.clear()
-        started_s = self._clock()
-        self.send_vin(order.vin, sequence)
-        self.send_start(order, sequence)
-        self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
-        self._wait_in_cycle("done", self._timeouts.done_s, sequence, lambda s: s.done)
+            self._live.clear()
+
+    def _wait(
+        self,
+        what: str,
+        timeout_s: float,
+        reached: Callable[[LineStatus], bool],
+        patient: bool = False,
+    ) -> tuple[LineStatus, float]:
+        """Wait for a Status; one that is patient outlasts a silent station."""
+        deadline = self._clock() + timeout_s
+        with self._changed:
+            while self._silent or self._status is None or not reached(self._status):
+                silent = self._silent and not patient
+                remaining = deadline - self._clock()
+                if remaining <= 0 or silent:
+                    problem = "the station is silent" if self._silent else "time is over"
+                    raise LineTimeoutError(
+                        f"expected {what} within {timeout_s:g} s, but {problem}; "
+                        f"last status: {self._status or 'none'}"
+                    )
+                self._changed.wait(remaining)
+            return self._status, self._clock()
+
+    def _wait_in_cycle(
+        self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
+    ) -> None:
+        def refusal() -> LineErrorCode | None:
+            found = self._answer
+            mine = found is not None and (found.code, found.sequence) == (CommandCode.START, sequence)
+            if not mine or found is None or found.answer is not Answer.REFUSED:
+                return None
+            return None if found.error_code in _PASSING else found.error_code
+
+        def reached_or_failed(status: LineStatus) -> bool:
+            return (status.sequence == sequence and reached(status)) or failed(status)
+
+        def failed(status: LineStatus) -> bool:
+            ended = status.sequence == sequence and not status.busy and not status.done
+            return status.fault or (refusal() is not None and (ended or status.sequence != sequence))
+
+        status, _ = self._wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
+        if failed(status):
+            self.withdraw()
+            if status.fault:
+                raise LineError(
+                    f"the station reports a fault at sequence {sequence}: {status.error_code} ({status})"
+                )
+            raise LineError(f"the station refused at sequence {sequence}: {refusal()} ({status})")
+
+    def _take_over(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
+        def complete(status: LineStatus) -> bool:
+            return not status.done or not missing_results(self._database, self._results, sequence)
+
+        # Results are sent again while they are held, so one that was lost comes.
+        with contextlib.suppress(LineTimeoutError):
+            self._wait(f"all results of {sequence}", self._timeouts.acknowledged_s, complete)
         with self._changed:
             results = dict(self._results)
-        vehicle, wheels, axles = self._read(results, sequence)
+        vehicle, wheels, axles = read_results(self._database, results, sequence)
         self.acknowledge(sequence)
         _, acknowledged_s = self._wait(
-            f"the end of done after acknowledge {sequence}",
+            f"the end of ResultValid after acknowledge {sequence}",
             self._timeouts.acknowledged_s,
             lambda status: not status.done,
         )
+        self.withdraw()
         with self._changed:
             self._recording = False
             received = tuple(self._received)
@@ -215,153 +486,34 @@ class PlcSimulator:
             wheels=wheels,
             axles=axles,
             started_s=started_s,
-            busy_s=_first_shown(received, sequence, ("Busy", "Done")),
-            done_s=_first_shown(received, sequence, ("Done",)),
+            busy_s=first_shown(received, sequence, ("Busy", "ResultValid"), started_s),
+            done_s=first_shown(received, sequence, ("ResultValid",), started_s),
             acknowledged_s=acknowledged_s,
             received=received,
         )
-
-    def send_vin(self, vin: str, sequence: int) -> None:
-        """Send the three VIN frames."""
-        if len(vin) != VIN_LENGTH or not vin.isascii():
-            raise InputError(field="vin", expected=f"{VIN_LENGTH} characters of ASCII", seen=repr(vin))
-        for message, signals in self._database.vin_messages.items():
-            characters: dict[str, Value] = {name: ord(vin[int(name[3:]) - 1]) for name in signals}
-            self._bus.send(self._database.encode(message, {"SequenceLow": sequence % 16, **characters}))
-
-    def send_start(self, order: PlcOrder, sequence: int) -> None:
-        """Send the start command."""
-        wheels = tuple(self._database.wheels) if order.wheels is None else order.wheels
-        if unknown := set(wheels) - set(self._database.wheels):
-            raise InputError(
-                field="wheels",
-                expected=f"wheels of {', '.join(self._database.wheels)}",
-                seen=", ".join(sorted(unknown)),
-            )
-        self._send_command("start", sequence, wheels, order.vehicle_type)
-
-    def abort(self, sequence: int | None = None) -> None:
-        """Send abort of a cycle; of the last one started when no sequence is given."""
-        self._send_command("abort", self._sequence if sequence is None else sequence)
-
-    def acknowledge(self, sequence: int) -> None:
-        """Send that the results were taken over."""
-        self._send_command("acknowledge", sequence)
-
-    def _next_sequence(self) -> int:
-        self._sequence = (self._sequence + 1) % 256
-        return self._sequence
-
-    def _send_command(
-        self, code: str, sequence: int, wheels: tuple[str, ...] = (), vehicle_type: int = 0
-    ) -> None:
-        bits = {f"Wheel{ending}": int(name in wheels) for name, ending in self._database.wheels.items()}
-        values: dict[str, Value] = {"Code": code, "Sequence": sequence, "VehicleType": vehicle_type, **bits}
-        self._bus.send(self._database.encode("Command", values))
-
-    def _receive(self, frame: can.Message) -> None:
-        name = self._database.name_of(frame)
-        if name is None:
-            return
-        values = self._database.decode(frame)
-        now = self._clock()
-        with self._changed:
-            if self._recording:
-                self._received.append(ReceivedMessage(now, name, values))
-            if name == "Status":
-                self._status, self._heard_s = read_status(values), now
-            else:
-                self._results[name] = values
-            self._changed.notify_all()
-
-    def _wait(
-        self, what: str, timeout_s: float, reached: Callable[[LineStatus], bool]
-    ) -> tuple[LineStatus, float]:
-        deadline = self._clock() + timeout_s
-        with self._changed:
-            while self._status is None or not reached(self._status):
-                silent = deadline if self._status is None else self._heard_s + self._timeouts.silence_s
-                remaining = min(deadline, silent) - self._clock()
-                if remaining <= 0:
-                    problem = "the station is silent" if silent < deadline else "time is over"
-                    raise LineTimeoutError(
-                        f"expected {what} within {timeout_s:g} s, but {problem}; "
-                        f"last status: {self._status or 'none'}"
-                    )
-                self._changed.wait(remaining)
-            return self._status, self._heard_s
-
-    def _wait_in_cycle(
-        self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
-    ) -> None:
-        def reached_or_failed(status: LineStatus) -> bool:
-            return (status.sequence == sequence and reached(status)) or failed(status)
-
-        def failed(status: LineStatus) -> bool:
-            refused = status.error_sequence == sequence and status.error_code is not LineErrorCode.NONE
-            return status.fault or (refused and not status.busy and not status.done)
-
-        status, _ = self._wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
-        if failed(status):
-            problem = "reports a fault" if status.fault else "refused"
-            raise LineError(f"the station {problem} at sequence {sequence}: {status.error_code} ({status})")
-
-    def _read(
-        self, results: dict[str, dict[str, Value]], sequence: int
-    ) -> tuple[VehicleReport, tuple[WheelAnswer, ...], tuple[AxleAnswer, ...]]:
-        wheels, axles = self._database.wheels, self._database.axles
-        names = [f"Wheel{part}{ending}" for ending in wheels.values() for part in ("Uncertainty", "Result")]
-        names += [f"Axle{part}{ending}" for ending in axles.values() for part in ("Uncertainty", "Result")]
-        names.append("VehicleResult")
-        missing = [n for n in names if n not in results or results[n]["Sequence"] != sequence]
-        if missing:
-            raise LineError(
-                f"done was shown, but these results of {sequence} are missing: {', '.join(missing)}"
-            )
-        wheel_answers = tuple(
-            read_wheel(name, results[f"WheelResult{ending}"], results[f"WheelUncertainty{ending}"])
-            for name, ending in wheels.items()
-        )
-        axle_answers = tuple(
-            read_axle(name, results[f"AxleResult{ending}"], results[f"AxleUncertainty{ending}"])
-            for name, ending in axles.items()
-        )
-        vehicle = read_vehicle(results["VehicleResult"])
-        answers: tuple[WheelAnswer | AxleAnswer, ...] = wheel_answers + axle_answers
-        parts = overall_outcome(answer.outcome for answer in answers)
-        if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
-            raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
-        return vehicle, wheel_answers, axle_answers
-
-
-def _first_shown(received: Iterable[ReceivedMessage], sequence: int, flags: tuple[str, ...]) -> float:
-    """When a Status of this sequence first showed one of the flags."""
-    return next(
-        message.time_s
-        for message in received
-        if message.name == "Status"
-        and message.values["Sequence"] == sequence
-        and any(message.values[flag] for flag in flags)
-    )
 
 
 def run_plc(
     settings: BusSettings,
     dbc: str | PathLike[str],
     orders: Iterable[PlcOrder],
-    timeouts: PlcTimeouts = PlcTimeouts(),
+    timeouts: PlcTimeouts = DEFAULT_TIMEOUTS,
 ) -> Iterator[PlcResult]:
-    """Open a bus, reset the station, and measure vehicle after vehicle; the bus closes with the iterator.
+    """Open a bus, wait for the station, and measure vehicle after vehicle; the bus closes with the iterator.
+
+    Results that the station held from before come first; their order is None.
 
     Raises
     ------
     ConfigurationError
-        When the DBC is not usable or the log cannot be written.
+        When the DBC is not usable, the bus does not open, or the log cannot be written.
     LineError
-        When the bus does not open or a vehicle fails, see `PlcSimulator.run`.
+        When a vehicle fails, see `PlcSimulator.run`.
     """
     database = load_line_database(dbc)
     with open_bus(settings) as bus, PlcSimulator(bus, database, timeouts=timeouts) as plc:
-        plc.reset()
+        taken = plc.start_up()
+        if taken is not None:
+            yield taken
         for order in orders:
             yield plc.run(order)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import cast
 
 import can
@@ -12,14 +12,15 @@ from alignment.errors import InputError, LineError
 from station.line.dbc import INVALID, LineDatabase, Value
 from station.line.messages import (
     AxleAnswer,
-    LineErrorCode,
-    LineStatus,
+    LiveAngles,
+    LiveState,
     Outcome,
-    StationState,
+    Quality,
     ThrustSign,
     VehicleAnswer,
     VehicleReport,
     WheelAnswer,
+    overall_outcome,
 )
 
 
@@ -37,9 +38,13 @@ def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> 
         database.encode(
             uncertainty,
             {
+                "Quality": str(answer.quality),
                 "Sequence": sequence,
                 "CamberU95": _rounded_up(database, uncertainty, "CamberU95", answer.camber_u95_deg),
                 "ToeU95": _rounded_up(database, uncertainty, "ToeU95", answer.toe_u95_deg),
+                "Residual": INVALID
+                if answer.residual_mm is None
+                else min(answer.residual_mm, database.range_of(uncertainty, "Residual")[1]),
             },
         ),
         database.encode(
@@ -99,22 +104,33 @@ def vehicle_frame(
     )
 
 
-def status_frame(database: LineDatabase, status: LineStatus) -> can.Message:
-    """One Status message."""
+def live_frame(database: LineDatabase, live: LiveAngles) -> can.Message:
+    """Angles of one wheel that is adjusted; raises like `wheel_frames`."""
+    name = f"LiveAngles{database.wheels[live.wheel]}"
     return database.encode(
-        "Status",
+        name,
         {
-            "State": str(status.state),
-            "Sequence": status.sequence,
-            "Ready": int(status.ready),
-            "Busy": int(status.busy),
-            "Done": int(status.done),
-            "Fault": int(status.fault),
-            "AliveCounter": status.alive_counter,
-            "ErrorCode": str(status.error_code),
-            "ErrorSequence": status.error_sequence,
+            "State": str(live.state),
+            "Shot": live.shot,
+            "Camber": _angle(database, name, "Camber", live.camber_deg),
+            "Toe": _angle(database, name, "Toe", live.toe_deg),
         },
     )
+
+
+def blank_frames(database: LineDatabase) -> list[can.Message]:
+    """All result messages without a result: sequence number 0, everything invalid."""
+    nothing: dict[str, Value] = {
+        "Outcome": "none",
+        "Quality": str(Quality.NONE),
+        "Sequence": 0,
+        "ThrustSign": "left_positive",
+    }
+    frames = []
+    for name in database.result_messages:
+        signals = database.signals(name)
+        frames.append(database.encode(name, {signal: nothing.get(signal, INVALID) for signal in signals}))
+    return frames
 
 
 def read_wheel(wheel: str, result: Mapping[str, Value], uncertainty: Mapping[str, Value]) -> WheelAnswer:
@@ -134,6 +150,8 @@ def read_wheel(wheel: str, result: Mapping[str, Value], uncertainty: Mapping[str
             toe_deg=_number(result["Toe"]),
             camber_u95_deg=_number(uncertainty["CamberU95"]),
             toe_u95_deg=_number(uncertainty["ToeU95"]),
+            quality=Quality(str(uncertainty["Quality"])),
+            residual_mm=_number(uncertainty["Residual"]),
         )
     except ValueError as error:
         raise LineError(f"the result of wheel {wheel} contradicts itself: {error}") from error
@@ -174,28 +192,24 @@ def read_vehicle(result: Mapping[str, Value]) -> VehicleReport:
         raise LineError(f"the result of the vehicle contradicts itself: {error}") from error
 
 
-def read_status(values: Mapping[str, Value]) -> LineStatus:
-    """Status from its decoded message.
+def read_live(wheel: str, values: Mapping[str, Value]) -> LiveAngles:
+    """Live angles from their decoded message.
 
     Raises
     ------
     LineError
-        When the state or the error code is none of the value table.
+        When the state is none of the value table.
     """
     try:
-        return LineStatus(
-            state=StationState(str(values["State"])),
-            sequence=int(values["Sequence"]),
-            ready=bool(values["Ready"]),
-            busy=bool(values["Busy"]),
-            done=bool(values["Done"]),
-            fault=bool(values["Fault"]),
-            alive_counter=int(values["AliveCounter"]),
-            error_code=LineErrorCode(str(values["ErrorCode"])),
-            error_sequence=int(values["ErrorSequence"]),
+        return LiveAngles(
+            wheel,
+            LiveState(str(values["State"])),
+            int(values["Shot"]),
+            _number(values["Camber"]),
+            _number(values["Toe"]),
         )
     except ValueError as error:
-        raise LineError(f"the status of the station is not understood: {error}") from error
+        raise LineError(f"the live angles of wheel {wheel} are not understood: {error}") from error
 
 
 def _angle(database: LineDatabase, message: str, signal: str, value: float | None) -> Value:
@@ -231,4 +245,55 @@ def _same_sequence(what: str, result: Mapping[str, Value], uncertainty: Mapping[
         raise LineError(
             f"the result of {what} has sequence {result['Sequence']}, "
             f"its uncertainty has {uncertainty['Sequence']}"
+        )
+
+
+def result_frames(
+    database: LineDatabase,
+    sequence: int,
+    requested: Sequence[str],
+    wheel_answers: Sequence[WheelAnswer],
+    axle_answers: Sequence[AxleAnswer],
+    vehicle: VehicleAnswer,
+) -> tuple[Outcome, list[can.Message]]:
+    """All frames of a vehicle's results in the order of sending, and its outcome: see `overall_outcome`.
+
+    Wheels and axles without an answer become not requested.
+
+    Raises
+    ------
+    InputError
+        When a requested wheel has no answer, another wheel has one, a name is unknown or given twice, or an
+        angle does not fit its signal.
+    """
+    wheels = {answer.wheel: answer for answer in wheel_answers}
+    axles = {answer.axle: answer for answer in axle_answers}
+    answered = {name for name, answer in wheels.items() if answer.outcome is not Outcome.NOT_REQUESTED}
+    _require_names("wheel", [answer.wheel for answer in wheel_answers], database.wheels)
+    _require_names("axle", [answer.axle for answer in axle_answers], database.axles)
+    if answered != set(requested):
+        raise InputError(
+            field="wheel_answers",
+            expected=f"an outcome for {', '.join(requested)} and no other wheel",
+            seen=", ".join(sorted(answered)) or "none",
+        )
+    answers: list[WheelAnswer | AxleAnswer | VehicleAnswer] = [*wheels.values(), *axles.values(), vehicle]
+    overall = overall_outcome(answer.outcome for answer in answers)
+    frames: list[can.Message] = []
+    for name in database.wheels:
+        frames += wheel_frames(
+            database, sequence, wheels.get(name) or WheelAnswer(name, Outcome.NOT_REQUESTED)
+        )
+    for name in database.axles:
+        frames += axle_frames(database, sequence, axles.get(name) or AxleAnswer(name, Outcome.NOT_REQUESTED))
+    frames.append(vehicle_frame(database, sequence, overall, vehicle))
+    return overall, frames
+
+
+def _require_names(what: str, given: Sequence[str], known: Iterable[str]) -> None:
+    if len(set(given)) != len(given) or not set(given) <= set(known):
+        raise InputError(
+            field=f"{what}_answers",
+            expected=f"each {what} of {', '.join(known)} at most once",
+            seen=", ".join(given),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 
+from alignment.errors import InputError
 from station.line.dbc import VIN_LENGTH, Value
 
 VIN_LIFETIME_S = 2.0
@@ -62,3 +63,16 @@ class VinAssembly:
             return VinState.INCOMPLETE
         vin = "".join(fresh[name] for name in self._messages)
         return vin if is_vin(vin) else VinState.INVALID
+
+
+def checked_vin(text: str) -> str:
+    """Return the text when it can be sent as a VIN: 17 characters of ASCII; the station judges the rest.
+
+    Raises
+    ------
+    InputError
+        When it cannot.
+    """
+    if len(text) != VIN_LENGTH or not text.isascii():
+        raise InputError(field="vin", expected=f"{VIN_LENGTH} characters of ASCII", seen=repr(text))
+    return text

@@ -13,12 +13,14 @@ import numpy as np
 
 from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
 from alignment.values import MeasureSettings, Refusal, WheelMeasurement
-from db.records import CycleRecord, EventRecord, ZeroRecord
+from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
 from station.cycle import MeasuringCycle
 from station.line.messages import (
     Acknowledge,
     Command,
     LineErrorCode,
+    LiveAngles,
+    Mode,
     Outcome,
     StationState,
     StationStatus,
@@ -71,6 +73,7 @@ class FakeRig:
     def arm(self) -> None:
         if self.arm_error is not None:
             raise self.arm_error
+        self.log.append(f"armed {self.name}")
 
     def shoot(self, timeout_s: float) -> Any:
         if self.gate is not None:
@@ -98,6 +101,8 @@ class FakeLine:
         self.sent: list[tuple[Any, ...]] = []
         self.refused: list[tuple[int, LineErrorCode]] = []
         self.send_error: TruewheelError | None = None
+        self.live: list[tuple[LiveAngles, float]] = []
+        self.on_live: Callable[[], None] = lambda: None
 
     def next_command(self, timeout_s: float) -> Command | None:
         if self.status.state in self.at:
@@ -126,6 +131,15 @@ class FakeLine:
         answers = (*wheel_answers, *axle_answers, *(() if vehicle_answer is None else (vehicle_answer,)))
         return overall_outcome(answer.outcome for answer in answers)
 
+    def restore_results(
+        self, sequence: int, wheel_answers: Any, axle_answers: Any = (), vehicle_answer: Any = None
+    ) -> Outcome:
+        return self.send_results(sequence, wheel_answers, axle_answers, vehicle_answer)
+
+    def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
+        self.live.append((angles, measured_s))
+        self.on_live()
+
     def refuse(self, sequence: int, code: LineErrorCode) -> None:
         self.refused.append((sequence, code))
 
@@ -142,6 +156,7 @@ class FakeStore:
         self.cycles: list[CycleRecord] = []
         self.calibrations: list[Any] = []
         self.events: list[EventRecord] = []
+        self.checks: list[CalibrationCheckRecord] = []
         self.zeros: tuple[ZeroRecord, ...] = ()
         self.zeros_error: TruewheelError | None = None
         self.error: TruewheelError | None = None
@@ -163,6 +178,15 @@ class FakeStore:
 
     def record_event(self, record: EventRecord) -> None:
         self._write(self.events, record)
+
+    def record_check(self, record: CalibrationCheckRecord) -> None:
+        self._write(self.checks, record)
+
+    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
+        return tuple(StoredCycle(record, TODAY) for record in self.cycles[::-1][:n])
+
+    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
+        return tuple(self.events[::-1][:n])
 
     def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
         if self.zeros_error is not None:
@@ -192,7 +216,7 @@ def measurement(camber: float = 0.001, toe: float = 0.001, u: float = 1e-5) -> W
 class Bench:
     """A cycle in state IDLE with four rigs, and all its parts at hand."""
 
-    def __init__(self, measure_s: float = 60.0, store_s: float = 5.0) -> None:
+    def __init__(self, measure_s: float = 60.0, store_s: float = 5.0, adjust_s: float = 600.0) -> None:
         self.log: list[str] = []
         self.clock = Clock()
         self.today = TODAY
@@ -208,7 +232,7 @@ class Bench:
             {1: KIND, 9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}})},
             self.line,
             self.store,
-            Bounds(measure_s, store_s, acknowledge_s=2.0),
+            Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),
             clock=self.clock,
             now=lambda: self.today,
         )
@@ -225,9 +249,13 @@ class Bench:
         return self.found.get(rig, measurement())
 
     def trigger(
-        self, sequence: int = 1, wheels: Sequence[str] = WHEELS, vehicle_type: int = 1
+        self,
+        sequence: int = 1,
+        wheels: Sequence[str] = WHEELS,
+        vehicle_type: int = 1,
+        mode: Mode = Mode.AUTOMATIC,
     ) -> CycleReport | None:
-        self.line.queue.append(Trigger(sequence, tuple(wheels), vehicle_type, VIN, self.clock.now))
+        self.line.queue.append(Trigger(sequence, tuple(wheels), vehicle_type, VIN, self.clock.now, mode))
         return self.cycle.step(0.1)
 
     @property

@@ -151,7 +151,7 @@ def test_hash_follows_what_decides_results_and_nothing_else(configs: Path) -> No
     change(configs / "vehicles" / "van.toml", "0.75", "0.76")
     second = read_configuration(path).hash
     assert second != first
-    change(configs / "line.dbc", 'VERSION "1"', 'VERSION "2"')
+    change(configs / "line.dbc", 'VERSION "2"', 'VERSION "3"')
     third = read_configuration(path).hash
     assert third != second
     change(path, "minimum_points = 300", "minimum_points = 301")

@@ -5,14 +5,27 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import timedelta
+from uuid import uuid4
 
 import numpy as np
 import pytest
 
 from alignment.errors import CameraError, LineConnectionError, StoreUnavailableError
 from alignment.values import Refusal, RefusalCode
-from db.records import CycleOutcome, Verdict, WheelOutcome
-from station.line.messages import Abort, Acknowledge, LineErrorCode, Outcome, Reset, StationState
+from db.records import CheckOutcome, CycleOutcome, Verdict, WheelOutcome
+from station.line.messages import (
+    Abort,
+    Acknowledge,
+    LineErrorCode,
+    LiveAngles,
+    LiveState,
+    Mode,
+    Outcome,
+    Prepare,
+    Reset,
+    StationState,
+    Stop,
+)
 from station.wheels import WheelPosition, connect_all
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
@@ -274,12 +287,193 @@ def test_reset_of_an_idle_station_is_harmless(bench: Bench) -> None:
     assert bench.cycle.state is StationState.IDLE
 
 
-def test_results_that_nobody_acknowledges_do_not_hold_the_station(bench: Bench) -> None:
+def test_results_are_held_until_they_are_acknowledged(bench: Bench) -> None:
     bench.line.acknowledges = False
     before = bench.clock.now
-    bench.trigger()
+    report = bench.trigger()
+    assert report is not None
     assert bench.clock.now - before == pytest.approx(2.0)
     assert "not_acknowledged" in bench.store.event_codes
+    assert bench.cycle.step(0.1) is None
+    assert bench.cycle.state is StationState.REPORTING
+    bench.line.queue.append(Acknowledge(200))
+    bench.cycle.step(0.1)
+    assert bench.cycle.state is StationState.REPORTING
+    bench.line.queue.append(Acknowledge(1))
+    bench.cycle.step(0.1)
+    assert bench.cycle.state is StationState.IDLE
+    (event,) = (e for e in bench.store.events if e.code == "acknowledged")
+    assert event.text.startswith(str(report.record.uuid))
+
+
+def test_reset_gives_held_results_up_and_says_so(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    bench.trigger()
+    bench.line.queue.append(Reset(9))
+    bench.cycle.step(0.1)
+    assert bench.cycle.state is StationState.IDLE
+    assert "discarded" in bench.store.event_codes
+
+
+class Restarted:
+    """The same station after its program ended: the same database, a new line, a new cycle."""
+
+    def __init__(self, before: Bench) -> None:
+        self.bench = Bench()
+        self.bench.store.cycles = before.store.cycles
+        self.bench.store.events = before.store.events
+        self.bench.cycle.start()
+
+    def __enter__(self) -> Bench:
+        return self.bench
+
+    def __exit__(self, *error: object) -> None:
+        self.bench.cycle.close()
+
+
+def test_unacknowledged_results_are_offered_again_after_a_restart(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    bench.found["rear_left"] = measurement(toe=0.02)
+    bench.trigger(7)
+    with Restarted(bench) as after:
+        assert after.line.sent == bench.line.sent
+        assert after.cycle.state is StationState.REPORTING
+        after.line.queue = [Acknowledge(7)]
+        after.cycle.step(0.1)
+        assert after.cycle.state is StationState.IDLE
+        with Restarted(after) as again:
+            assert again.line.sent == []
+            assert again.cycle.state is StationState.IDLE
+
+
+@pytest.mark.parametrize("command", [Acknowledge(1), Reset(2)])
+def test_results_that_were_taken_or_given_up_are_not_offered_again(bench: Bench, command: object) -> None:
+    bench.line.acknowledges = False
+    bench.trigger()
+    bench.line.queue.append(command)  # type: ignore[arg-type]
+    bench.cycle.step(0.1)
+    with Restarted(bench) as after:
+        assert after.line.sent == []
+
+
+def test_vehicle_that_was_told_aborted_is_not_offered_as_ok(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    bench.line.at[StationState.STORING] = Abort(1)
+    bench.trigger()
+    assert [record.outcome for record in bench.store.cycles] == [CycleOutcome.OK]
+    with Restarted(bench) as after:
+        assert set(after.line.outcomes.values()) == {Outcome.ABORTED}
+
+
+def test_vehicle_that_a_reset_forgot_amid_its_commit_is_not_offered(bench: Bench) -> None:
+    bench.line.at[StationState.STORING] = Reset(9)
+    bench.trigger()
+    with Restarted(bench) as after:
+        assert after.line.sent == []
+
+
+def test_acknowledgement_is_found_behind_many_other_events(bench: Bench) -> None:
+    bench.trigger()
+    bench.store.events += [replace(bench.store.events[0], uuid=uuid4()) for _ in range(150)]
+    with Restarted(bench) as after:
+        assert after.line.sent == []
+
+
+def test_results_of_another_station_in_the_same_database_are_not_ours(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    bench.trigger()
+    bench.store.cycles = [replace(record, station="station_2", uuid=uuid4()) for record in bench.store.cycles]
+    with Restarted(bench) as after:
+        assert after.line.sent == []
+
+
+def test_aborted_and_faulty_cycles_are_offered_as_what_they_are(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    bench.found["front_right"] = REFUSED
+    bench.trigger()
+    with Restarted(bench) as after:
+        assert after.line.sent == bench.line.sent
+
+
+def test_master_wheel_is_stored_as_a_check_too(bench: Bench) -> None:
+    bench.found["rear_left"] = measurement(toe=0.02)
+    bench.trigger(mode=Mode.MASTER_CHECK)
+    outcomes = {check.calibration_id: check.outcome for check in bench.store.checks}
+    assert outcomes == {
+        f"cal-{wheel}": CheckOutcome.OUT if wheel == "rear_left" else CheckOutcome.WITHIN for wheel in WHEELS
+    }
+    assert len(bench.store.cycles) == 1
+
+
+def test_adjusting_shows_live_angles_until_stop_and_then_measures(bench: Bench) -> None:
+    bench.found["rear_left"] = measurement(toe=0.02)
+    shown: list[int] = []
+
+    def stop_after_two_of_each() -> None:
+        shown.append(1)
+        wheels = [angles.wheel for angles, _ in bench.line.live]
+        if min(wheels.count(wheel) for wheel in WHEELS) == 2:
+            bench.line.queue.append(Stop(1))
+
+    bench.line.on_live = stop_after_two_of_each
+    report = bench.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is Outcome.NOK
+    assert bench.states[1:4] == [StationState.ARMED, StationState.ADJUSTING, StationState.MEASURING]
+    last = {angles.wheel: angles for angles, _ in bench.line.live}
+    assert last["rear_left"].state is LiveState.OUTSIDE
+    assert last["front_left"].state is LiveState.INSIDE
+    assert last["front_left"].camber_deg == pytest.approx(math.degrees(0.001))
+    assert last["front_left"].shot >= 2
+    assert len(bench.store.cycles) == 1
+
+
+def test_camera_that_fails_amid_adjusting_is_shown_and_does_not_end_it(bench: Bench) -> None:
+    bench.rigs["front_left"].shoot_error = camera_error()
+
+    def mend() -> None:
+        if bench.line.live[-1][0] == LiveAngles("front_left", LiveState.NOT_MEASURED, 1):
+            bench.rigs["front_left"].shoot_error = None
+            bench.line.queue.append(Stop(1))
+
+    bench.line.on_live = mend
+    report = bench.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is Outcome.OK
+
+
+@pytest.mark.parametrize(
+    ("command", "told"), [(Abort(1, LineErrorCode.COMMUNICATION_LOST), Outcome.ABORTED), (Reset(9), None)]
+)
+def test_adjusting_ends_by_abort_and_reset(
+    bench: Bench, command: Abort | Reset, told: Outcome | None
+) -> None:
+    bench.line.at[StationState.ADJUSTING] = command
+    report = bench.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is told
+    assert StationState.MEASURING not in bench.states
+    assert report.record.outcome is CycleOutcome.ABORTED
+    assert bench.cycle.state is StationState.IDLE
+
+
+def test_adjusting_without_end_is_aborted() -> None:
+    with open_bench(adjust_s=0.0) as bench:
+        report = bench.trigger(mode=Mode.ADJUST)
+        assert report is not None
+        assert report.told is Outcome.ABORTED
+        assert "adjust_timeout" in (report.record.reason_text or "")
+        assert bench.cycle.state is StationState.IDLE
+
+
+def test_prepare_arms_the_cameras_or_is_refused(bench: Bench) -> None:
+    bench.rigs["front_left"].arm_error = camera_error()
+    bench.line.queue.append(Prepare(3, WHEELS, 1))
+    bench.cycle.step(0.1)
+    assert [name for name in bench.log if name.startswith("armed")] == [f"armed {w}" for w in WHEELS[1:]]
+    bench.line.queue.append(Prepare(4, WHEELS, 77))
+    bench.cycle.step(0.1)
+    assert bench.line.refused == [(4, LineErrorCode.UNKNOWN_VEHICLE_TYPE)]
     assert bench.cycle.state is StationState.IDLE
 
 

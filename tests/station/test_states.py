@@ -8,6 +8,7 @@ from station.states import TRANSITIONS, IllegalTransitionError, StateMachine
 PATHS = {
     State.IDLE: [],
     State.ARMED: [State.ARMED],
+    State.ADJUSTING: [State.ARMED, State.ADJUSTING],
     State.MEASURING: [State.ARMED, State.MEASURING],
     State.EVALUATING: [State.ARMED, State.EVALUATING],
     State.STORING: [State.ARMED, State.EVALUATING, State.STORING],

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from station.line.bus import BusSettings, LineBus, open_bus
+from station.line.bus import LineBus, open_bus
+from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
 from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
@@ -47,7 +48,7 @@ def plc_bus(channel: str) -> Iterator[LineBus]:
 @pytest.fixture
 def bench(database: LineDatabase) -> Iterator[Bench]:
     fake, clock = FakeCanBus(), Clock()
-    with LineBus(fake) as bus:
+    with LineBus(lambda: fake) as bus:
         line = StationLine(bus, database, clock)
         bench = Bench(database, fake, bus, clock, line)
         bench.idle()

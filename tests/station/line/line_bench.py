@@ -12,8 +12,9 @@ import can
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
 from station.line.interface import StationLine
-from station.line.messages import Command, LineStatus, StationState, StationStatus
-from station.line.results import read_status
+from station.line.messages import Command, CommandAnswer, LineStatus, StationState, StationStatus
+from station.line.protection import Protector
+from station.line.status import read_answer, read_status
 
 DBC = Path(__file__).resolve().parents[3] / "configs" / "line.dbc"
 VIN = "WVWZZZ1KZAW123456"
@@ -25,9 +26,18 @@ def vin_frame(database: LineDatabase, name: str, sequence: int, vin: str = VIN) 
     return database.encode(name, {"SequenceLow": sequence % 16, **characters})
 
 
-def command_frame(database: LineDatabase, code: str, sequence: int, wheels: int = 0b1111) -> can.Message:
+def command_frame(
+    database: LineDatabase, code: str, sequence: int, wheels: int = 0b1111, mode: str = "automatic"
+) -> can.Message:
     bits = {f"Wheel{ending}": wheels >> k & 1 for k, ending in enumerate(database.wheels.values())}
-    return database.encode("Command", {"Code": code, "Sequence": sequence, "VehicleType": 7, **bits})
+    values: dict[str, Value] = {
+        "Code": code,
+        "Sequence": sequence,
+        "Mode": mode,
+        "VehicleType": 7,
+        "Heartbeat": sequence,
+    }
+    return database.encode("Command", {**values, **bits})
 
 
 class Clock:
@@ -65,7 +75,10 @@ class FakeCanBus(can.BusABC):
 
 @dataclass
 class Bench:
-    """A `StationLine` to which the test hands frames, in its own thread, and whose answers it reads."""
+    """A `StationLine` to which the test hands frames, in its own thread, and whose answers it reads.
+
+    Frames are protected on their way, and the link is up from the beginning.
+    """
 
     database: LineDatabase
     fake: FakeCanBus
@@ -73,8 +86,22 @@ class Bench:
     clock: Clock
     line: StationLine
     seen: int = field(default=0)
+    protector: Protector = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.protector = Protector(self.database.protected)
+        self.link_up()
+
+    def link_up(self) -> None:
+        """The first frame of a message sets the counter; from the second on they count."""
+        for _ in range(2):
+            self.vin(0)
+            self.command("none", 0)
 
     def receive(self, frame: can.Message) -> None:
+        name = self.database.name_of(frame)
+        if name in self.database.protected and len(frame.data) == 8:
+            self.protector.protect(name, frame.data)
         self.line.receive(frame)
 
     def vin(
@@ -83,12 +110,12 @@ class Bench:
         for name in messages:
             self.receive(vin_frame(self.database, name, sequence, vin))
 
-    def command(self, code: str, sequence: int, wheels: int = 0b1111) -> None:
-        self.receive(command_frame(self.database, code, sequence, wheels))
+    def command(self, code: str, sequence: int, wheels: int = 0b1111, mode: str = "automatic") -> None:
+        self.receive(command_frame(self.database, code, sequence, wheels, mode))
 
-    def start(self, sequence: int, wheels: int = 0b1111) -> None:
+    def start(self, sequence: int, wheels: int = 0b1111, mode: str = "automatic") -> None:
         self.vin(sequence)
-        self.command("start", sequence, wheels)
+        self.command("start", sequence, wheels, mode)
 
     def commands(self) -> list[Command]:
         return list(iter(lambda: self.line.next_command(0.0), None))
@@ -97,6 +124,12 @@ class Bench:
         """What was sent since the last call."""
         new, self.seen = self.fake.sent[self.seen :], len(self.fake.sent)
         return [(self.database.name_of(frame) or "?", self.database.decode(frame)) for frame in new]
+
+    @property
+    def answer(self) -> CommandAnswer:
+        """The last CommandAnswer that was sent."""
+        frames = [f for f in self.fake.sent if self.database.name_of(f) == "CommandAnswer"]
+        return read_answer(self.database.decode(frames[-1]))
 
     @property
     def status(self) -> LineStatus:

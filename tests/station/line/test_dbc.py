@@ -10,6 +10,7 @@ import pytest
 
 from alignment.errors import ConfigurationError
 from station.line.dbc import LineDatabase, load_line_database
+from station.line.error_codes import MEANINGS
 from station.line.messages import LineErrorCode
 from tests.station.line.line_bench import DBC
 
@@ -69,6 +70,16 @@ def test_no_wheel_at_all(tmp_path: Path) -> None:
         (r"(SG_ Camber : 24\|20@1- \(0.0001,0\)) \[-15\|15\]", r"\1 [-5|5]", "Camber"),
         (r"(SG_ Camber : 24\|20@1- \(0.0001,0\)) \[-15\|15\]", r"\1 [0|0]", "reserved value 'invalid'"),
         (r'4 "aborted" ', "", "the words aborted"),
+        (r' 4 "rear_right"', "", "ErrorDetail.Wheel"),
+        (r"(BO_ 272 Command: 8 PLC\n) SG_ E2eCrc .*\n", r"\1", "Command.E2eCrc"),
+        (r"SG_ E2eCounter : 8\|4@1", "SG_ E2eCounter : 9|3@1", "E2eCounter"),
+        (
+            r'^BA_ "E2EProfile" BO_ 305 1;',
+            'BA_ "E2EProfile" BO_ 305 0;',
+            "WheelResultFrontLeft, attribute E2EProfile",
+        ),
+        (r'^BA_ "E2EProfile" BO_ 305 1;\n', "", "WheelResultFrontLeft, attribute E2EProfile"),
+        (r'(^BA_ "E2EDataId" BO_ 305) \d+', r"\1 22288", "attribute E2EDataId"),
         (r'-524288 "invalid"', '-524288 "void"', "the words invalid"),
         (r"^VAL_ \d+ State .*\n", "", "Status.State"),
         (r"BO_ 288 Status: 8", "BO_ 288 Status: 12", "12 bytes"),
@@ -106,13 +117,14 @@ def test_a_further_axle_is_only_a_matter_of_the_dbc(tmp_path: Path) -> None:
     text = TEXT.replace(
         " SG_ VehicleType :",
         ' SG_ WheelTrailingLeft : 28|1@1+ (1,0) [0|1] "" STATION\n SG_ VehicleType :',
-    )
-    for stem, number in (("WheelUncertainty", 1000), ("WheelResult", 1001)):
+    ).replace('4 "rear_right"', '4 "rear_right" 5 "trailing_left"')
+    for stem, number in (("WheelUncertainty", 1000), ("WheelResult", 1001), ("LiveAngles", 1002)):
         source = re.search(rf"^BO_ (\d+) {stem}FrontLeft(: 8 STATION\n(?: SG_.*\n)+)", TEXT, re.MULTILINE)
         assert source is not None
         words = re.findall(rf"^VAL_ {source[1]} (.*\n)", TEXT, re.MULTILINE)
         text = text.replace("\nCM_ ", f"\nBO_ {number} {stem}TrailingLeft{source[2]}\nCM_ ", 1)
         text += "".join(f"VAL_ {number} {word}" for word in words)
+        text += f'BA_ "E2EProfile" BO_ {number} 1;\nBA_ "E2EDataId" BO_ {number} {number};\n'
     file = tmp_path / "three_axles.dbc"
     file.write_text(text, encoding="cp1252")
     assert tuple(load_line_database(file).wheels)[-2:] == ("rear_right", "trailing_left")
@@ -124,17 +136,30 @@ def test_delivered_dbc_explains_everything(database: LineDatabase) -> None:
     assert [message.name for message in raw.messages] == MESSAGES
     for message in raw.messages:
         assert message.comment, message.name
-        assert message.send_type in ("Event", "CyclicAndEvent")
+        assert message.send_type in ("Cyclic", "CyclicAndEvent", "CyclicWhileActive")
+        assert message.cycle_time
         assert message.senders in (["PLC"], ["STATION"])
-        # The first twelve bits stay free for CRC and counter.
-        assert min(signal.start for signal in message.signals) >= 12
+        assert [(s.name, s.start, s.length) for s in message.signals[:2]] == [
+            ("E2eCrc", 0, 8),
+            ("E2eCounter", 8, 4),
+        ]
         for signal in message.signals:
             assert signal.comment, f"{message.name}.{signal.name}"
+            assert signal.unit, f"{message.name}.{signal.name}"
+            assert signal.unit != "code" or signal.choices
             assert signal.receivers in (["PLC"], ["STATION"])
             assert signal.minimum is not None
             assert signal.maximum is not None
+            assert signal.dbc is not None
+            assert {"GenSigSendType", "GenSigCycleTime"} <= set(signal.dbc.attributes)
     assert database.cycle_time_s("Status") == 0.1
-    assert database.cycle_time_s("Command") is None
+    assert database.cycle_time_s("StationInfo") == 1.0
+    assert database.timeout_s("Command") == database.timeout_s("Status") == 0.5
+    assert database.timeout_s("VehicleResult") is None
+    assert database.messages_from("PLC") == ("Vin1", "Vin2", "Vin3", "Command")
+    assert database.interface_version == (2, 0)
+    assert set(database.protected) == set(MESSAGES)
+    assert len({e2e.data_id for e2e in database.protected.values()}) == len(MESSAGES)
 
 
 def test_words_of_the_error_codes_are_those_of_the_program() -> None:
@@ -142,4 +167,4 @@ def test_words_of_the_error_codes_are_those_of_the_program() -> None:
     assert isinstance(raw, cantools.database.Database)
     table = raw.get_message_by_name("Status").get_signal_by_name("ErrorCode").choices
     assert table is not None
-    assert {str(word) for word in table.values()} == set(LineErrorCode)
+    assert {str(word) for word in table.values()} == set(LineErrorCode) == set(MEANINGS)

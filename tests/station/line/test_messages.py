@@ -24,13 +24,12 @@ from station.line.messages import (
 from station.line.results import (
     axle_frames,
     read_axle,
-    read_status,
     read_vehicle,
     read_wheel,
-    status_frame,
     vehicle_frame,
     wheel_frames,
 )
+from station.line.status import read_status, status_frame
 from tests.station.line.line_bench import DBC
 
 DATABASE = load_line_database(DBC)
@@ -122,7 +121,7 @@ def test_unmeasured_angles_are_the_reserved_raw_value(outcome: Outcome) -> None:
     raw = int.from_bytes(result.data, "little")
     assert raw >> 24 & 0xFFFFF == 0x80000
     assert raw >> 44 & 0xFFFFF == 0x80000
-    assert int.from_bytes(uncertainty.data[3:7], "little") == 0xFFFFFFFF
+    assert int.from_bytes(uncertainty.data[3:8], "little") == 0xFFFFFFFFFF
     assert read_wheel("front_left", DATABASE.decode(result), DATABASE.decode(uncertainty)) == WheelAnswer(
         "front_left", outcome
     )

@@ -11,7 +11,8 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, InputError, LineError, LineTimeoutError
-from station.line.bus import BusSettings, LineBus, open_bus
+from station.line.bus import LineBus, open_bus
+from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
 from station.line.messages import (
@@ -28,7 +29,9 @@ from station.line.messages import (
     WheelAnswer,
 )
 from station.line.monitor import decode_log, trace_cycles
-from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts, run_plc
+from station.line.orders import PlcOrder, PlcTimeouts
+from station.line.plc import PlcSimulator, run_plc
+from station.line.protection import protect
 from tests.station.line.line_bench import DBC, VIN, WAIT_S
 
 PATIENT = PlcTimeouts(ready_s=WAIT_S, busy_s=WAIT_S, done_s=WAIT_S, acknowledged_s=WAIT_S, silence_s=WAIT_S)
@@ -118,7 +121,7 @@ def test_vehicles_one_after_the_other(station: SmallStation, plc: PlcSimulator, 
         assert result.started_s <= result.busy_s <= result.done_s <= result.acknowledged_s
         names = [message.name for message in result.received]
         flags = [
-            (message.values["Busy"], message.values["Done"])
+            (message.values["Busy"], message.values["ResultValid"])
             for message in result.received
             if message.name == "Status" and message.values["Sequence"] == result.sequence
         ]
@@ -128,9 +131,9 @@ def test_vehicles_one_after_the_other(station: SmallStation, plc: PlcSimulator, 
 
 
 def test_sequence_numbers_wrap(station: SmallStation, plc_bus: LineBus, database: LineDatabase) -> None:
-    with PlcSimulator(plc_bus, database, sequence=253) as plc:
+    with PlcSimulator(plc_bus, database, timeouts=PATIENT, sequence=253) as plc:
         plc.reset()
-        assert [plc.run(PlcOrder(VIN)).sequence for _ in range(3)] == [255, 0, 1]
+        assert [plc.run(PlcOrder(VIN)).sequence for _ in range(3)] == [255, 1, 2]
 
 
 def test_log_shows_trigger_busy_results_done_in_order(
@@ -184,23 +187,21 @@ def test_station_that_stops_sending_counts_as_lost(
 
 
 def test_results_that_never_come(station: SmallStation, plc_bus: LineBus, database: LineDatabase) -> None:
-    plc = PlcSimulator(plc_bus, database, timeouts=replace(PATIENT, done_s=0.1))
     station.on_trigger = lambda trigger: None
-    plc.reset()
-    with pytest.raises(LineTimeoutError, match=r"expected done of sequence 2 .*busy=True"):
-        plc.run(PlcOrder(VIN))
-    assert plc.status is not None
-    assert plc.status.busy
+    with PlcSimulator(plc_bus, database, timeouts=replace(PATIENT, done_s=0.1)) as plc:
+        plc.reset()
+        with pytest.raises(LineTimeoutError, match=r"expected results of sequence 2 .*busy=True"):
+            plc.run(PlcOrder(VIN))
+        assert plc.status is not None
+        assert plc.status.busy
 
 
 def test_done_that_does_not_end(station: SmallStation, plc_bus: LineBus, database: LineDatabase) -> None:
-    plc = PlcSimulator(plc_bus, database, timeouts=replace(PATIENT, acknowledged_s=0.1))
-    plc.reset()
-    acknowledge = plc.acknowledge
-    plc.acknowledge = lambda sequence: None  # type: ignore[method-assign]
-    with pytest.raises(LineTimeoutError, match="end of done"):
-        plc.run(PlcOrder(VIN))
-    acknowledge(2)
+    with PlcSimulator(plc_bus, database, timeouts=replace(PATIENT, acknowledged_s=0.3)) as plc:
+        plc.reset()
+        plc.acknowledge = lambda sequence: None  # type: ignore[method-assign]
+        with pytest.raises(LineTimeoutError, match="end of ResultValid"):
+            plc.run(PlcOrder(VIN))
 
 
 def test_refused_vehicle_type(station: SmallStation, plc: PlcSimulator) -> None:
@@ -238,6 +239,7 @@ def test_lost_result_is_not_overlooked(
             send(frame)
 
     station_bus.send = losing  # type: ignore[method-assign]
+    plc._timeouts = replace(PATIENT, acknowledged_s=0.3)
     plc.reset()
     with pytest.raises(LineError, match="missing: WheelResultRearLeft"):
         plc.run(PlcOrder(VIN))
@@ -250,7 +252,8 @@ def test_ok_of_a_vehicle_whose_wheel_failed_is_not_believed(
 
     def forging(frame):  # type: ignore[no-untyped-def]
         if database.name_of(frame) == "VehicleResult":
-            frame.data[1] = 0x10
+            frame.data[1] = 0x10 | frame.data[1] & 0x0F
+            protect(frame.data, database.protected["VehicleResult"].data_id, frame.data[1] & 0x0F)
         send(frame)
 
     station_bus.send = forging  # type: ignore[method-assign]

@@ -1,0 +1,108 @@
+"""Live angles while an operator turns the tie rods: every rig measures again and again in its thread."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from types import TracebackType
+from typing import Protocol, Self
+
+from alignment.errors import TruewheelError
+from db.records import ZeroRecord
+from station.evaluation import evaluate
+from station.line.messages import LineErrorCode, LiveAngles, LiveState
+from station.vehicle_types import VehicleType
+from station.verdict import Status, combined
+from station.wheels import WheelPosition, WheelResult, fault
+
+_STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
+
+
+class LiveLine(Protocol):
+    """What is needed of the line."""
+
+    def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
+        """Show angles of a wheel."""
+        ...
+
+
+class Adjusting:
+    """Measures the wheels of some positions continuously; use it in a `with`, which waits for the last shots.
+
+    Parameters
+    ----------
+    threads
+        At least one for each position.
+    positions
+        Armed.
+    zeros
+        Zero measurements in force.
+    kind
+        Its limits say inside or outside.
+    coverage_factor
+        k of the expanded uncertainty.
+    line
+        Is told every result.
+    clock
+        Monotonic seconds, the line's.
+    """
+
+    def __init__(
+        self,
+        threads: ThreadPoolExecutor,
+        positions: Sequence[WheelPosition],
+        zeros: Sequence[ZeroRecord],
+        kind: VehicleType,
+        coverage_factor: float,
+        line: LiveLine,
+        clock: Callable[[], float],
+    ) -> None:
+        self._threads = threads
+        self._zeros = zeros
+        self._kind = kind
+        self._coverage_factor = coverage_factor
+        self._line = line
+        self._clock = clock
+        self._shots = {position.name: 0 for position in positions}
+        self._running = {self._begin(position): position for position in positions}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # The cameras are needed for the measurement that counts; a shot and its images are bounded in time.
+        wait(self._running)
+
+    def step(self, timeout_s: float) -> None:
+        """Wait for the next results at most this long, show them, and measure those wheels again."""
+        done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
+        for future in done:
+            position = self._running.pop(future)
+            result, started_s = future.result()
+            self._shots[position.name] = (self._shots[position.name] + 1) % 256
+            self._line.publish_live(self._live(result), started_s)
+            self._running[self._begin(position)] = position
+
+    def _begin(self, position: WheelPosition) -> Future[tuple[WheelResult, float]]:
+        return self._threads.submit(self._measure, position)
+
+    def _measure(self, position: WheelPosition) -> tuple[WheelResult, float]:
+        # The angles are as old as the moment before the exposure, at most.
+        started_s = self._clock()
+        try:
+            position.rig.arm()
+            return position.run(self._zeros), started_s
+        except TruewheelError as error:
+            return position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error))), started_s
+
+    def _live(self, result: WheelResult) -> LiveAngles:
+        shot = self._shots[result.wheel]
+        found = result.measurement
+        judged = evaluate(self._kind, [result], self._coverage_factor).wheels[0]
+        state = _STATES.get(combined(judged.angles))
+        if found is None or state is None:
+            return LiveAngles(result.wheel, LiveState.NOT_MEASURED, shot)
+        return LiveAngles(result.wheel, state, shot, math.degrees(found.camber), math.degrees(found.toe))

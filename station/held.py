@@ -1,0 +1,85 @@
+"""Results that the line was told and did not acknowledge: found again after a restart of the station.
+
+What became of a cycle's results is an event of the database: it is only ever added, and names the cycle.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Protocol
+from uuid import UUID
+
+from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
+from station.records import Standing
+
+_FIRST_LOOK = 100
+
+
+class Closing(enum.StrEnum):
+    """Event codes that say what became of a cycle's results; the event's text begins with the cycle.
+
+    ACKNOWLEDGED: the controller took them over. DISCARDED: it reset the station instead. ABORTED_LATE: it was
+    told 'aborted', because the abort came after the commit; not an end by itself.
+    """
+
+    ACKNOWLEDGED = "acknowledged"
+    DISCARDED = "discarded"
+    ABORTED_LATE = "aborted_late"
+
+
+class History(Protocol):
+    """What is needed of the database."""
+
+    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
+        """Return the last cycles, newest first."""
+        ...
+
+    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
+        """Return the last events, newest first."""
+        ...
+
+
+def closing_text(cycle: UUID, sequence: int) -> str:
+    """Return the text of a closing event."""
+    return f"{cycle}: results of start {sequence}"
+
+
+def unacknowledged(history: History, station: str) -> tuple[CycleRecord, Standing] | None:
+    """Return the station's last cycle when nobody acknowledged its results, and how the line was told it.
+
+    Raises
+    ------
+    StoreError
+        When the database fails.
+    """
+    record = _last_cycle(history, station)
+    if record is None:
+        return None
+    codes = _closings(history, record)
+    if codes & {Closing.ACKNOWLEDGED, Closing.DISCARDED}:
+        return None
+    aborted = record.outcome is CycleOutcome.ABORTED or Closing.ABORTED_LATE in codes
+    return record, Standing.ABORTED if aborted else Standing.COMMITTED
+
+
+def _last_cycle(history: History, station: str) -> CycleRecord | None:
+    """Look further and further back: stations may share a database."""
+    count = 1
+    while True:
+        cycles = history.recent_cycles(count)
+        for stored in cycles:
+            if stored.record.station == station:
+                return stored.record
+        if len(cycles) < count:
+            return None
+        count *= 10
+
+
+def _closings(history: History, record: CycleRecord) -> set[str]:
+    """Codes of the events of this cycle; all events since it began are looked at."""
+    count = _FIRST_LOOK
+    while True:
+        events = history.recent_events(count)
+        if len(events) < count or events[-1].utc < record.received_utc:
+            return {event.code for event in events if event.text.startswith(str(record.uuid))}
+        count *= 10

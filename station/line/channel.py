@@ -1,0 +1,103 @@
+"""Opens the channel of a bus: any python-can interface, a serial device for one program at a time only."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import can
+
+from alignment.errors import ConfigurationError
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """How to reach the bus.
+
+    Attributes
+    ----------
+    interface
+        Name of a python-can interface: ``virtual`` (one process), ``socketcan``, ``pcan``, ``vector``, …
+    channel
+        Its channel; for ``virtual`` any name that both ends share.
+    bitrate
+        Bits per second, for interfaces that set it.
+    log
+        File that takes all traffic: ``.log`` (candump), ``.asc`` or ``.blf``; None writes none.
+    options
+        Further arguments of the interface.
+    """
+
+    interface: str = "virtual"
+    channel: str = "truewheel"
+    bitrate: int = 500_000
+    log: Path | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Channel:
+    """Opens the bus of some settings, as often as it is called; `release` gives a serial device free.
+
+    Raises
+    ------
+    ConfigurationError
+        When called: the interface is unknown or not installed, the channel is in use or cannot be opened.
+    """
+
+    def __init__(self, settings: BusSettings) -> None:
+        self._settings = settings
+        self._claim: int | None = None
+
+    def __call__(self) -> can.BusABC:
+        """Open the bus."""
+        settings = self._settings
+        if settings.interface not in can.VALID_INTERFACES:
+            raise ConfigurationError(
+                field="line.interface",
+                expected=f"one of {', '.join(sorted(can.VALID_INTERFACES))}",
+                seen=f"'{settings.interface}'",
+            )
+        try:
+            self._claim_device()
+            return can.Bus(
+                interface=settings.interface,
+                channel=settings.channel,
+                bitrate=settings.bitrate,
+                ignore_config=True,
+                **dict(settings.options),
+            )
+        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+            self.release()
+            raise ConfigurationError(
+                field="line.channel",
+                expected=f"a channel of the interface '{settings.interface}' that opens",
+                seen=f"'{settings.channel}': {error}",
+                cure="Check that the adapter is plugged in, its driver installed and no other program has "
+                "the channel",
+            ) from error
+
+    def release(self) -> None:
+        """Let other programs have the device; harmless when there is none."""
+        claim, self._claim = self._claim, None
+        if claim is not None:
+            os.close(claim)
+
+    def _claim_device(self) -> None:
+        """Lock a serial device: two programs on one would each take half of the other's bytes."""
+        self.release()
+        device = self._settings.channel.partition("@")[0]
+        path = Path(device)
+        if not path.is_absolute() or not path.exists() or not stat.S_ISCHR(path.stat().st_mode):
+            return
+        claim = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(claim)
+            raise OSError("another program has it open") from error
+        self._claim = claim

@@ -1,0 +1,46 @@
+"""What a station may set of its line, and what the line knows of its own state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from station.line.bus import BusHealth
+from station.line.link import LinkHealth
+from station.line.messages import Mode
+
+
+@dataclass(frozen=True)
+class LineOptions:
+    """What a station may set of its line.
+
+    Attributes
+    ----------
+    communication_timeout_s
+        Without a good Command frame for so long the communication is lost; None takes the DBC's timeout.
+    live_age_s
+        Live angles older than this are shown as stale.
+    modes
+        Modes that this station serves.
+    software
+        Version of the program.
+    """
+
+    communication_timeout_s: float | None = None
+    live_age_s: float = 1.0
+    modes: frozenset[Mode] = frozenset(Mode)
+    software: tuple[int, int, int] = (0, 0, 0)
+
+
+DEFAULT_OPTIONS = LineOptions()
+
+
+@dataclass(frozen=True)
+class LineHealth:
+    """Everything that the line knows of its own state, for screens and logs."""
+
+    bus: BusHealth
+    link: LinkHealth
+    link_up: bool
+    cyclic_alive: bool
+    cyclic_failures: int
+    faults: int

@@ -1,0 +1,51 @@
+"""The results of a vehicle as a controller reads them: complete, of one start, and without contradiction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from alignment.errors import LineError
+from station.line.dbc import LineDatabase, Value
+from station.line.messages import AxleAnswer, Outcome, VehicleReport, WheelAnswer, overall_outcome
+from station.line.results import read_axle, read_vehicle, read_wheel
+
+Results = Mapping[str, dict[str, Value]]
+
+
+def missing_results(database: LineDatabase, results: Results, sequence: int) -> list[str]:
+    """Messages of a start's results that did not arrive."""
+    return [
+        name
+        for name in database.result_messages
+        if name not in results or results[name]["Sequence"] != sequence
+    ]
+
+
+def read_results(
+    database: LineDatabase, results: Results, sequence: int
+) -> tuple[VehicleReport, tuple[WheelAnswer, ...], tuple[AxleAnswer, ...]]:
+    """Read the results of a start.
+
+    Raises
+    ------
+    LineError
+        When one is missing, or they contradict themselves or each other.
+    """
+    if missing := missing_results(database, results, sequence):
+        raise LineError(
+            f"ResultValid was shown, but these results of {sequence} are missing: {', '.join(missing)}"
+        )
+    wheels = tuple(
+        read_wheel(name, results[f"WheelResult{ending}"], results[f"WheelUncertainty{ending}"])
+        for name, ending in database.wheels.items()
+    )
+    axles = tuple(
+        read_axle(name, results[f"AxleResult{ending}"], results[f"AxleUncertainty{ending}"])
+        for name, ending in database.axles.items()
+    )
+    vehicle = read_vehicle(results["VehicleResult"])
+    answers: tuple[WheelAnswer | AxleAnswer, ...] = wheels + axles
+    parts = overall_outcome(answer.outcome for answer in answers)
+    if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
+        raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
+    return vehicle, wheels, axles

@@ -1,0 +1,352 @@
+"""The handshake's table, cell by cell, and what no sequence of commands and events may lead to."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from station.line.handshake import COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
+from station.line.messages import (
+    Abort,
+    Acknowledge,
+    Answer,
+    Command,
+    CommandCode,
+    LineErrorCode,
+    Mode,
+    Prepare,
+    Reset,
+    Stop,
+    Trigger,
+)
+from station.line.messages import HandshakeState as State
+
+OWN, OTHER = 5, 6
+CODES = {
+    Request.PREPARE: (CommandCode.PREPARE, OWN),
+    Request.START_NEW: (CommandCode.START, OTHER),
+    Request.START_SAME: (CommandCode.START, OWN),
+    Request.STOP_SAME: (CommandCode.STOP, OWN),
+    Request.STOP_OTHER: (CommandCode.STOP, OTHER),
+    Request.ABORT_SAME: (CommandCode.ABORT, OWN),
+    Request.ABORT_OTHER: (CommandCode.ABORT, OTHER),
+    Request.ACKNOWLEDGE_SAME: (CommandCode.ACKNOWLEDGE, OWN),
+    Request.ACKNOWLEDGE_OTHER: (CommandCode.ACKNOWLEDGE, OTHER),
+    Request.RESET: (CommandCode.RESET, OTHER),
+}
+TOLD = {
+    CommandCode.PREPARE: Prepare,
+    CommandCode.START: Trigger,
+    CommandCode.STOP: Stop,
+    CommandCode.ABORT: Abort,
+    CommandCode.ACKNOWLEDGE: Acknowledge,
+    CommandCode.RESET: Reset,
+}
+NONE = Asked(CommandCode.NONE, 0)
+START = Asked(CommandCode.START, OWN, ("front_left",), 7, Mode.AUTOMATIC, "VIN", 1.5)
+
+
+def handshake_in(state: State) -> Handshake:
+    """A handshake in this state, whose start in hand (or last) is OWN, by an ordinary way."""
+    handshake = Handshake()
+    if state is State.STARTING:
+        return handshake
+    handshake.happened(Event.CYCLE_READY)
+    handshake.asked(NONE)
+    handshake.asked(replace(START, mode=Mode.ADJUST if state is State.ADJUSTING else Mode.AUTOMATIC))
+    ways: dict[State, list[Asked | Event]] = {
+        State.BUSY: [],
+        State.ADJUSTING: [],
+        State.ENDING: [Asked(CommandCode.ABORT, OWN)],
+        State.HELD: [Event.RESULTS_SENT],
+        State.CLOSING: [Event.RESULTS_SENT, Asked(CommandCode.ACKNOWLEDGE, OWN)],
+        State.FAULT: [Event.CYCLE_FAULT],
+        State.RESETTING: [Asked(CommandCode.RESET, 4)],
+    }
+    ready = [Event.RESULTS_SENT, Asked(CommandCode.ACKNOWLEDGE, OWN), Event.CYCLE_READY]
+    ways[State.READY] = [*ready]
+    ways[State.PREPARED] = [*ready, Asked(CommandCode.PREPARE, 9)]
+    for step in ways[state]:
+        if isinstance(step, Event):
+            handshake.happened(step)
+        else:
+            handshake.asked(step)
+    handshake.asked(NONE)
+    assert handshake.state is state
+    return handshake
+
+
+def test_table_names_every_state_and_every_command() -> None:
+    assert set(COMMANDS) == set(State)
+    assert all(set(rules) == set(Request) for rules in COMMANDS.values())
+    assert set(EVENTS) == set(Event)
+
+
+# Before the first start and after a reset there is no number that could be the same.
+CELLS = [
+    (state, request)
+    for state, request in itertools.product(State, Request)
+    if state not in (State.STARTING, State.RESETTING) or not request.value.endswith("same number")
+]
+
+
+@pytest.mark.parametrize(("state", "request_"), CELLS)
+def test_every_cell_of_the_table(state: State, request_: Request) -> None:
+    handshake = handshake_in(state)
+    sequence = handshake.sequence
+    code, number = CODES[request_]
+    asked = Asked(code, number, ("rear_left",), 3, Mode.AUTOMATIC, "VIN", 2.5)
+    told = handshake.asked(asked)
+    rule = COMMANDS[state][request_]
+    assert handshake.state is (rule.target or state)
+    assert handshake.reply.refusal is rule.refusal
+    assert (handshake.reply.code, handshake.reply.sequence) == (code, number)
+    accepted = rule.refusal is LineErrorCode.NONE
+    assert handshake.reply.answer is (Answer.ACCEPTED if accepted else Answer.REFUSED)
+    if rule.deliver:
+        assert isinstance(told, TOLD[code])
+        assert told.sequence == number
+    else:
+        assert told is None
+    moved = rule.target in (State.BUSY, State.RESETTING) and code in (CommandCode.START, CommandCode.RESET)
+    assert handshake.sequence == (number if moved else sequence)
+    assert handshake.ready == (handshake.state in (State.READY, State.PREPARED))
+    assert handshake.busy == (handshake.state in OPEN)
+    assert handshake.held == (handshake.state is State.HELD)
+    assert handshake.awaits(OWN) == (
+        (handshake.state in OPEN and number == OWN) or (state in OPEN and not moved)
+    )
+
+
+@pytest.mark.parametrize(("state", "event"), list(itertools.product(State, Event)))
+def test_every_event_in_every_state(state: State, event: Event) -> None:
+    handshake = handshake_in(state)
+    if event is Event.RESULTS_SENT and state not in OPEN:
+        with pytest.raises(ValueError, match="none are awaited"):
+            handshake.happened(event)
+        return
+    told = handshake.happened(event)
+    assert handshake.state is EVENTS[event].get(state, state)
+    lost = event is Event.LINK_LOST and state is State.ADJUSTING
+    assert told == (Abort(OWN, LineErrorCode.COMMUNICATION_LOST) if lost else None)
+
+
+def test_refused_commands_and_repetitions_change_nothing() -> None:
+    for state, rules in COMMANDS.items():
+        for request, rule in rules.items():
+            if rule.refusal is not LineErrorCode.NONE:
+                assert rule.target is None, (state, request)
+                assert not rule.deliver
+            if rule.target is None:
+                assert not rule.deliver
+            if rule.again:
+                assert rule.refusal is not LineErrorCode.NONE
+
+
+def test_a_reset_leads_out_of_every_state_and_an_abort_out_of_every_cycle() -> None:
+    for state in set(State) - {State.STARTING}:
+        if state is not State.RESETTING:
+            assert COMMANDS[state][Request.RESET].target is State.RESETTING
+    for state in (State.BUSY, State.ADJUSTING):
+        assert COMMANDS[state][Request.ABORT_SAME].target is State.ENDING
+
+
+def test_results_are_only_held_after_a_start_or_a_restart() -> None:
+    into_held = {
+        (event, source) for event, ways in EVENTS.items() for source in ways if ways[source] is State.HELD
+    }
+    assert into_held == {(Event.RESULTS_SENT, state) for state in OPEN} | {
+        (Event.RESULTS_RESTORED, State.STARTING)
+    }
+    assert not any(r.target is State.HELD for rules in COMMANDS.values() for r in rules.values())
+
+
+def test_trigger_carries_what_was_asked() -> None:
+    handshake = handshake_in(State.READY)
+    told = handshake.asked(replace(START, sequence=8, mode=Mode.MASTER_CHECK))
+    assert told == Trigger(8, ("front_left",), 7, "VIN", mode=Mode.MASTER_CHECK)
+    assert isinstance(told, Trigger)
+    assert told.received_s == 1.5
+    handshake = handshake_in(State.READY)
+    assert handshake.asked(Asked(CommandCode.PREPARE, 9, ("rear_left",), 3, Mode.ADJUST)) == Prepare(
+        9, ("rear_left",), 3, Mode.ADJUST
+    )
+
+
+def test_adjusting_begins_with_a_start_and_ends_with_stop() -> None:
+    handshake = handshake_in(State.READY)
+    handshake.asked(Asked(CommandCode.PREPARE, 8, mode=Mode.ADJUST))
+    assert handshake.state is State.PREPARED
+    handshake.asked(replace(START, sequence=8, mode=Mode.ADJUST))
+    assert handshake.state is State.ADJUSTING
+    assert handshake.asked(Asked(CommandCode.STOP, 8)) == Stop(8)
+    assert handshake.state is State.BUSY
+
+
+def test_start_that_stood_there_before_is_not_carried_out() -> None:
+    handshake = Handshake()
+    handshake.happened(Event.CYCLE_READY)
+    assert handshake.asked(START) is None
+    assert handshake.reply.refusal is LineErrorCode.START_STALE
+    assert handshake.asked(START) is None
+    assert handshake.state is State.READY
+    assert isinstance(handshake.asked(replace(START, sequence=6)), Trigger)
+
+
+def test_start_that_stands_when_the_communication_comes_back_is_not_carried_out() -> None:
+    handshake = handshake_in(State.READY)
+    handshake.happened(Event.LINK_LOST)
+    assert handshake.asked(replace(START, sequence=9)) is None
+    assert handshake.reply.refusal is LineErrorCode.START_STALE
+    handshake.asked(NONE)
+    assert isinstance(handshake.asked(replace(START, sequence=9)), Trigger)
+
+
+def test_stale_is_a_matter_of_starts_alone() -> None:
+    handshake = Handshake()
+    handshake.happened(Event.CYCLE_READY)
+    assert isinstance(handshake.asked(Asked(CommandCode.PREPARE, 3)), Prepare)
+    assert isinstance(handshake.asked(START), Trigger)
+
+
+@pytest.mark.parametrize("code", [CommandCode.START, CommandCode.PREPARE])
+def test_command_with_wrong_content_is_refused_with_its_reason(code: CommandCode) -> None:
+    handshake = handshake_in(State.READY)
+    asked = replace(START, code=code, sequence=8, trouble=LineErrorCode.NO_WHEELS)
+    assert handshake.asked(asked) is None
+    assert handshake.reply.refusal is LineErrorCode.NO_WHEELS
+    assert handshake.state is State.READY
+    assert handshake.asked(replace(asked, trouble=LineErrorCode.NONE)) is None, "it stands, and stays refused"
+
+
+def test_content_matters_only_where_the_command_would_be_accepted() -> None:
+    handshake = handshake_in(State.BUSY)
+    handshake.asked(replace(START, sequence=OTHER, trouble=LineErrorCode.NO_WHEELS))
+    assert handshake.reply.refusal is LineErrorCode.BUSY
+
+
+def test_start_waits_for_the_rest_of_its_vin() -> None:
+    handshake = handshake_in(State.READY)
+    asked = replace(START, sequence=8, trouble=LineErrorCode.VIN_INCOMPLETE)
+    assert handshake.asked(asked) is None
+    assert handshake.reply.refusal is LineErrorCode.VIN_INCOMPLETE
+    assert isinstance(handshake.asked(replace(asked, trouble=LineErrorCode.NONE)), Trigger)
+    assert handshake.reply.refusal is LineErrorCode.NONE
+
+
+def test_reset_that_stands_while_the_station_starts_is_carried_out_then() -> None:
+    handshake = Handshake()
+    reset = Asked(CommandCode.RESET, 1)
+    assert handshake.asked(reset) is None
+    handshake.happened(Event.CYCLE_READY)
+    assert handshake.asked(reset) == Reset(1)
+    assert handshake.asked(reset) is None
+
+
+def test_repetition_has_the_same_answer_whatever_happened_since() -> None:
+    handshake = handshake_in(State.READY)
+    start = replace(START, sequence=8)
+    assert isinstance(handshake.asked(start), Trigger)
+    for event in (Event.RESULTS_SENT, Event.CYCLE_FAULT):
+        handshake.happened(event)
+        assert handshake.asked(start) is None
+        assert handshake.reply.answer is Answer.ACCEPTED
+
+
+def test_cycle_that_declines_a_start_frees_its_number_and_answers_it() -> None:
+    handshake = handshake_in(State.READY)
+    start = replace(START, sequence=8)
+    handshake.asked(start)
+    handshake.refuse(8, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert handshake.state is State.READY
+    assert handshake.reply.refusal is LineErrorCode.UNKNOWN_VEHICLE_TYPE
+    assert not handshake.awaits(8)
+    assert handshake.asked(start) is None
+    handshake.asked(NONE)
+    assert isinstance(handshake.asked(start), Trigger)
+
+
+def test_late_refusal_does_not_answer_another_command() -> None:
+    handshake = handshake_in(State.BUSY)
+    handshake.asked(Asked(CommandCode.ABORT, OWN))
+    handshake.refuse(OWN, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert handshake.reply.code is CommandCode.ABORT
+    assert handshake.reply.answer is Answer.ACCEPTED
+    assert handshake.state is State.READY
+    handshake = handshake_in(State.PREPARED)
+    handshake.refuse(9, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert handshake.state is State.READY
+    assert handshake.asked(replace(START, sequence=OWN)) is None, (
+        "the number of the start before is still used"
+    )
+    handshake = handshake_in(State.READY)
+    handshake.asked(Asked(CommandCode.PREPARE, 9))
+    handshake.asked(Asked(CommandCode.PREPARE, 10))
+    handshake.refuse(9, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert handshake.reply.answer is Answer.ACCEPTED
+
+
+def test_preparation_that_the_cycle_declines_is_answered() -> None:
+    handshake = handshake_in(State.READY)
+    handshake.asked(Asked(CommandCode.PREPARE, 9))
+    handshake.refuse(9, LineErrorCode.WHEEL_NOT_AVAILABLE)
+    assert (handshake.reply.code, handshake.reply.sequence) == (CommandCode.PREPARE, 9)
+    assert handshake.reply.refusal is LineErrorCode.WHEEL_NOT_AVAILABLE
+
+
+def test_results_of_an_earlier_run_are_held_and_can_be_acknowledged() -> None:
+    handshake = Handshake()
+    handshake.restore(77)
+    assert (handshake.state, handshake.sequence, handshake.held) == (State.HELD, 77, True)
+    assert handshake.asked(Asked(CommandCode.ACKNOWLEDGE, 77)) == Acknowledge(77)
+
+
+def test_number_of_a_start_that_was_reset_may_be_used_again() -> None:
+    handshake = handshake_in(State.BUSY)
+    handshake.asked(Asked(CommandCode.RESET, 9))
+    handshake.happened(Event.CYCLE_READY)
+    handshake.asked(NONE)
+    assert isinstance(handshake.asked(START), Trigger)
+
+
+def test_before_the_first_command_there_is_no_answer() -> None:
+    assert Handshake().reply.answer is Answer.NONE
+
+
+COMMANDS_IN = st.builds(
+    Asked,
+    code=st.sampled_from(CommandCode),
+    sequence=st.integers(1, 3),
+    wheels=st.just(("front_left",)),
+    mode=st.sampled_from(Mode),
+    trouble=st.sampled_from([LineErrorCode.NONE, LineErrorCode.VIN_INCOMPLETE, LineErrorCode.NO_WHEELS]),
+)
+
+
+@given(st.lists(COMMANDS_IN | st.sampled_from(Event), max_size=40))
+def test_no_history_yields_two_triggers_without_an_end_between_or_results_without_a_start(
+    history: list[Asked | Event],
+) -> None:
+    handshake = Handshake()
+    open_start: int | None = None
+    for step in history:
+        if isinstance(step, Event):
+            if step is Event.RESULTS_SENT and not handshake.busy:
+                continue
+            handshake.happened(step)
+            told: Command | None = None
+        else:
+            told = handshake.asked(step)
+        if isinstance(told, Trigger):
+            assert open_start is None
+            assert step.trouble is LineErrorCode.NONE  # type: ignore[union-attr]
+            open_start = told.sequence
+        if not handshake.busy:
+            open_start = None
+        else:
+            assert open_start is not None
+            assert handshake.awaits(open_start)
