@@ -22,6 +22,7 @@ from station.commands.gauge import gauge_app
 from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
 from station.commands.plate import simulate_plate_session_command
+from station.commands.report import report
 from station.commands.study import study
 from station.commands.zero import zero_app
 
@@ -42,6 +43,7 @@ wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
 app.command()(export)
+app.command()(report)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")
 app.add_typer(gauge_app, name="gauge")

@@ -350,11 +350,9 @@ def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json:
 
 
 def _show(report: GaugeReport, source: GaugeSource, files: list[Path]) -> None:
-    from rich.console import Console
+    from station.quality.text_tables import figure_table, table, terminal
 
-    from station.quality.text_tables import figure_table, table
-
-    console = Console()
+    console = terminal()
     console.print(f"{report.summary} {source.name}", markup=False, highlight=False)
     console.print(table(report.result.rows[:LONGEST_TABLE]))
     if len(report.result.rows) > LONGEST_TABLE:

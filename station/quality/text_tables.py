@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 
 from station.studies.study import StudyResult
+
+_FILE_WIDTH = 160
 
 
 def table(rows: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
@@ -34,9 +38,14 @@ def figure_table(result: StudyResult) -> Table:
     return table(rows)
 
 
+def terminal() -> Console:
+    """Standard output; as wide as the tables where it is no terminal but a file or a pipe."""
+    return Console(width=None if sys.stdout.isatty() else _FILE_WIDTH)
+
+
 def shown(value: object) -> str:
-    """A cell: six digits of a number, a dash for none."""
+    """A cell: five digits of a number, a dash for none."""
     if value is None:
         return "–"
     # Not markup: a name may hold a bracket.
-    return f"{value:.6g}" if isinstance(value, float) else str(value).replace("[", "\\[")
+    return f"{value:.5g}" if isinstance(value, float) else str(value).replace("[", "\\[")

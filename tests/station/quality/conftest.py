@@ -56,7 +56,8 @@ def month(tmp_path_factory: pytest.TempPathFactory) -> str:
                 store.record_check(
                     CalibrationCheckRecord(
                         START + timedelta(days=20, hours=station), f"cal-{station}-{rig}-1",
-                        CheckKind.MASTER_WHEEL, CheckOutcome.WITHIN, "master within tolerance", as_found={"camber_arcmin": 0.02},
+                        CheckKind.MASTER_WHEEL, CheckOutcome.WITHIN, "master within tolerance",
+                        as_found={"camber_arcmin": 0.02},
                     )
                 )  # fmt: skip
             for day in range(0, 30, 3):
@@ -70,10 +71,10 @@ def month(tmp_path_factory: pytest.TempPathFactory) -> str:
         for index in range(PER_STATION):
             for station, name in enumerate(STATIONS):
                 number += 1
-                time = START + timedelta(hours=12 * index, minutes=station)
+                time = START + timedelta(days=index // 2, minutes=station + 20 * (index % 2))
                 changed = int(time >= START + timedelta(days=15))
                 # The second station reads 0.02 degrees more; toe drifts; the new calibration takes 0.01 off.
-                offset = 0.02 * station + 0.001 * index - 0.01 * changed
+                offset = 0.02 * station + 0.0015 * index - 0.01 * changed
                 wheels = []
                 for side, rig in enumerate(rigs):
                     toe = 0.08 + offset + 0.005 * side + rng.normal(0, 0.02)

@@ -1,0 +1,105 @@
+"""Reports by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from alignment.errors import ConfigurationError
+from db.queries import Characteristic, Filter, ResultReader
+from db.statistics.choices import ChartKind, RuleSet
+from station.quality.report import Report, Section, in_words
+from station.quality.report_choices import TITLES, ReportKind
+from station.quality.report_compare import compare_sections, drift_section
+from station.quality.report_counts import pareto_section, yield_section
+from station.quality.report_trace import since_check_section, vin_sections
+from station.quality.report_values import capability_section, chart_sections
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """What a report is asked beside its filter.
+
+    Attributes
+    ----------
+    characteristics
+        Angles; none means all that have values.
+    chart, rules, size
+        Kind of control charts, which signals count, values per subgroup.
+    """
+
+    characteristics: Sequence[Characteristic] = ()
+    chart: ChartKind = ChartKind.INDIVIDUALS
+    rules: RuleSet = RuleSet.THREE_SIGMA
+    size: int = 5
+
+
+def make_report(
+    reader: ResultReader, kind: ReportKind, where: Filter, options: ReportOptions, made_utc: datetime
+) -> Report:
+    """Ask the database.
+
+    Raises
+    ------
+    InputError
+        When a VIN is needed and missing, or unknown.
+    StoreError
+        When the database fails.
+    """
+    sections = _sections(reader, kind, where, options)
+    return Report(kind, TITLES[kind], in_words(where), reader.where, made_utc, sections)
+
+
+def write_report(path: Path, report: Report) -> None:
+    """Write a report as ``.html`` or ``.pdf``.
+
+    Raises
+    ------
+    ConfigurationError
+        For another ending.
+    OSError
+        When the file cannot be written.
+    """
+    ending = path.suffix.lower()
+    if ending == ".html":
+        from station.quality.report_html import write_html
+
+        write_html(path, report)
+    elif ending == ".pdf":
+        from station.quality.report_pdf import write_pdf
+
+        write_pdf(path, report)
+    else:
+        raise ConfigurationError(field="--out", expected="a name that ends in .html or .pdf", seen=path.name)
+
+
+def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: ReportOptions) -> list[Section]:
+    angles = options.characteristics
+    match kind:
+        case ReportKind.YIELD:
+            return [yield_section(reader, where)]
+        case ReportKind.PARETO:
+            return [pareto_section(reader, where)]
+        case ReportKind.CAPABILITY:
+            return [capability_section(reader, where, angles)]
+        case ReportKind.CHART:
+            return chart_sections(reader, where, angles, options.chart, options.rules, options.size)
+        case ReportKind.COMPARE:
+            return compare_sections(reader, where, angles)
+        case ReportKind.DRIFT:
+            return [drift_section(reader, where, angles)]
+        case ReportKind.SINCE_CHECK:
+            return [since_check_section(reader, where)]
+        case ReportKind.VIN:
+            if where.vin is None:
+                raise ConfigurationError(field="--vin", expected="the VIN of a vehicle", seen="none")
+            return vin_sections(reader, where.vin)
+        case ReportKind.ALL:
+            return [
+                section
+                for each in ReportKind
+                if each not in (ReportKind.ALL, ReportKind.VIN)
+                for section in _sections(reader, each, where, options)
+            ]

@@ -1,0 +1,33 @@
+"""Which reports there are; nothing heavy is loaded, so the command line can name them."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+
+
+class ReportKind(enum.StrEnum):
+    """The reports."""
+
+    ALL = "all"
+    YIELD = "yield"
+    PARETO = "pareto"
+    CAPABILITY = "capability"
+    CHART = "chart"
+    COMPARE = "compare"
+    DRIFT = "drift"
+    VIN = "vin"
+    SINCE_CHECK = "since-check"
+
+
+TITLES: Mapping[ReportKind, str] = {
+    ReportKind.ALL: "Quality report",
+    ReportKind.YIELD: "Yield",
+    ReportKind.PARETO: "Pareto of reasons",
+    ReportKind.CAPABILITY: "Distributions and capability",
+    ReportKind.CHART: "Control charts",
+    ReportKind.COMPARE: "Sides and stations compared",
+    ReportKind.DRIFT: "Drift",
+    ReportKind.VIN: "One vehicle",
+    ReportKind.SINCE_CHECK: "Vehicles since the last good master check",
+}

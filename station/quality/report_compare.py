@@ -1,0 +1,276 @@
+"""Left against right, station against station; and drift, new calibrations, temperature."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from db.queries import (
+    Characteristic,
+    Filter,
+    GroupBy,
+    Quantity,
+    ResultReader,
+    ValueSeries,
+    events,
+    moments,
+    value_series,
+)
+from db.records import EventRecord
+from db.statistics.moments import Moments, merged
+from db.statistics.moments import moments as moments_of
+from db.statistics.stability import drift_of
+from station.quality.pictures import Picture, Trace
+from station.quality.report import Row, Section, shown_time
+from station.quality.report_values import NEWEST, comparable, in_degrees, times, wheel_angles
+
+Array = NDArray[np.float64]
+
+TEMPERATURE = "temperature"
+"""Code of events whose text begins with a temperature in degrees Celsius: ``31.5 °C``."""
+_SIDES = ("left", "right")
+_STEP = 50  # values on each side of a new calibration
+_DAY_S = 86_400.0
+_PICTURES = 16
+
+
+def compare_sections(
+    reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]
+) -> list[Section]:
+    """Both sides of the same vehicles, and every station against all others."""
+    wanted = list(characteristics) or wheel_angles(reader, where)
+    return [_sides(reader, where, wanted), _stations(reader, where, characteristics)]
+
+
+def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]) -> Section:
+    """What the values do over days, at new calibrations and with temperature, station by station."""
+    rows: list[Row] = []
+    pictures: list[Picture] = []
+    temperatures = _temperatures(events(reader, where, codes=(TEMPERATURE,)))
+    for characteristic in list(characteristics) or wheel_angles(reader, where):
+        series = value_series(reader, characteristic, where, newest=NEWEST)
+        values, _ = comparable(series)
+        for station in sorted(set(series.station)):
+            mine = np.flatnonzero(series.station == station)
+            at = series.time[mine].astype("datetime64[us]").astype(np.int64) / 1e6
+            if len(mine) < 3:
+                continue
+            found = _drift(values[mine], at)
+            found += _calibration_steps(values[mine], series, mine)
+            found += _with_temperature(values[mine], at, temperatures.get(station))
+            head = {"characteristic": str(characteristic), "station": str(station)}
+            rows += [head | row for row in found]
+            if len(pictures) < _PICTURES:
+                pictures.append(_daily(characteristic, str(station), values[mine], series, mine))
+    relevant = [row for row in rows if row["p"] is not None and float(str(row["p"])) < 0.01]
+    return Section(
+        "drift",
+        "Drift, calibrations, temperature",
+        rows,
+        {"influences": len(rows), "significant_influences": len(relevant)},
+        f"Newest {NEWEST} values. Over time: change per day. Calibration: mean of up to {_STEP} values after "
+        f"a new calibration less mean of those before. Temperature: change per kelvin, from events with the "
+        f"code '{TEMPERATURE}'. Limits for 95 %; the product changes too, so this shows where to look.",
+        pictures,
+        brief=("characteristic", "station", "influence", "change", "low", "high", "p"),
+    )
+
+
+def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
+    rows: list[Row] = []
+    axles = sorted({(c.part.rpartition("_")[0], c.quantity) for c in wanted if c.part.endswith(_SIDES)})
+    for axle, quantity in axles:
+        left, right = (
+            value_series(reader, Characteristic(f"{axle}_{side}", Quantity(quantity)), where, newest=NEWEST)
+            for side in _SIDES
+        )
+        other = dict(zip(right.cycle, right.value, strict=True))
+        pairs = [
+            (value, other[cycle])
+            for value, cycle in zip(left.value, left.cycle, strict=True)
+            if cycle in other
+        ]
+        if len(pairs) < 2:
+            continue
+        both = np.degrees(np.array(pairs))
+        difference = moments_of(both[:, 0] - both[:, 1])
+        half, p = _confidence(difference.mean, difference.deviation / math.sqrt(len(pairs)), len(pairs) - 1)
+        rows.append(
+            {
+                "axle": axle, "angle": str(quantity), "vehicles": len(pairs),
+                "left_mean_deg": float(both[:, 0].mean()), "right_mean_deg": float(both[:, 1].mean()),
+                "left_less_right_deg": difference.mean, "low_deg": difference.mean - half,
+                "high_deg": difference.mean + half, "p": p,
+            }
+        )  # fmt: skip
+    largest = max((abs(float(str(row["left_less_right_deg"]))) for row in rows), default=None)
+    return Section(
+        "sides",
+        "Left against right",
+        rows,
+        {"largest_side_difference_deg": largest},
+        f"Differences of the two wheels of the same vehicle, newest {NEWEST}; limits for 95 %.",
+        brief=("axle", "angle", "vehicles", "left_less_right_deg", "low_deg", "high_deg", "p"),
+    )
+
+
+def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
+    groups: dict[tuple[str, str], dict[str, Moments]] = defaultdict(dict)
+    for found in moments(reader, where, wanted, (GroupBy.STATION,)):
+        if found.n >= 2:
+            limits = "none" if found.low is None else f"{math.degrees(found.low):.3f}"
+            limits += " … " + ("none" if found.high is None else f"{math.degrees(found.high):.3f}")
+            station = str(found.group[GroupBy.STATION])
+            groups[str(found.characteristic), limits][station] = in_degrees(found)
+    rows: list[Row] = []
+    for (characteristic, limits), by_station in groups.items():
+        if len(by_station) < 2:
+            continue
+        for station, mine in by_station.items():
+            others = merged(each for name, each in by_station.items() if name != station)
+            difference, half, p = _welch(mine, others)
+            rows.append(
+                {
+                    "characteristic": characteristic, "limits_deg": limits, "station": station, "n": mine.n,
+                    "mean_deg": mine.mean, "sigma_deg": mine.deviation, "less_others_deg": difference,
+                    "low_deg": difference - half, "high_deg": difference + half, "p": p,
+                }
+            )  # fmt: skip
+    largest = max((abs(float(str(row["less_others_deg"]))) for row in rows), default=None)
+    names = [f"{row['characteristic']} {row['station']}" for row in rows]
+    values = [float(str(row["less_others_deg"])) for row in rows]
+    picture = Picture(
+        "Stations less all others", "characteristic, station", "degrees",
+        (Trace("difference", "bar", names, values),),
+    )  # fmt: skip
+    return Section(
+        "stations",
+        "Station against station",
+        rows,
+        {"largest_station_difference_deg": largest},
+        "Mean of a station less the mean of all others, for the same limits; limits for 95 % (Welch). "
+        "Stations that see different vehicles differ for that reason too.",
+        (picture,) if 0 < len(rows) <= 60 else (),
+        brief=("characteristic", "station", "n", "less_others_deg", "low_deg", "high_deg", "p"),
+    )
+
+
+def _welch(one: Moments, other: Moments) -> tuple[float, float, float | None]:
+    """Difference of two means, half its confidence interval, and its chance probability."""
+    a, b = one.variance / one.n, other.variance / other.n
+    difference = one.mean - other.mean
+    if not a + b > 0.0:
+        return difference, 0.0, None
+    df = (a + b) ** 2 / (a * a / (one.n - 1) + b * b / (other.n - 1))
+    half, p = _confidence(difference, math.sqrt(a + b), df)
+    return difference, half, p
+
+
+def _confidence(value: float, error: float, df: float) -> tuple[float, float | None]:
+    half = float(stats.t.ppf(0.975, df)) * error
+    return half, float(2 * stats.t.sf(abs(value) / error, df)) if error > 0.0 else None
+
+
+def _drift(values: Array, at: Array) -> list[dict[str, str | float | int | None]]:
+    slope, p = drift_of(values, (at - at[0]) / _DAY_S)
+    if slope is None:
+        return []
+    return [_influence("over time", "degrees per day", slope, p, len(values), values, (at - at[0]) / _DAY_S)]
+
+
+def _with_temperature(
+    values: Array, at: Array, known: tuple[Array, Array] | None
+) -> list[dict[str, str | float | int | None]]:
+    if known is None:
+        return []
+    when, kelvin = known
+    inside = (at >= when[0]) & (at <= when[-1])
+    if inside.sum() < 3:
+        return []
+    warm = np.interp(at[inside], when, kelvin)
+    slope, p = drift_of(values[inside], warm)
+    if slope is None:
+        return []
+    return [
+        _influence("temperature", "degrees per kelvin", slope, p, int(inside.sum()), values[inside], warm)
+    ]
+
+
+def _influence(
+    name: str, unit: str, slope: float, p: float | None, n: int, values: Array, x: Array
+) -> dict[str, str | float | int | None]:
+    """A line with its confidence limits."""
+    dx, dy = x - x.mean(), values - values.mean()
+    rest = float(np.square(dy - slope * dx).sum()) / (n - 2)
+    half = float(stats.t.ppf(0.975, n - 2)) * math.sqrt(rest / float(np.square(dx).sum()))
+    return {
+        "influence": name, "what": unit, "change": slope, "low": slope - half, "high": slope + half,
+        "p": p, "n": n,
+    }  # fmt: skip
+
+
+def _changes(series: ValueSeries, mine: NDArray[np.int64]) -> list[int]:
+    """Positions in `mine` at which the calibration is another one than before."""
+    used = [series.calibration_id[index] for index in mine]
+    return [k for k in range(1, len(used)) if used[k] != used[k - 1] and None not in (used[k], used[k - 1])]
+
+
+def _calibration_steps(
+    values: Array, series: ValueSeries, mine: NDArray[np.int64]
+) -> list[dict[str, str | float | int | None]]:
+    changes = _changes(series, mine)
+    rows: list[dict[str, str | float | int | None]] = []
+    for number, at in enumerate(changes):
+        first = max(changes[number - 1] if number else 0, at - _STEP)
+        last = min(changes[number + 1] if number + 1 < len(changes) else len(values), at + _STEP)
+        if at - first < 2 or last - at < 2:
+            continue
+        before, after = moments_of(values[first:at]), moments_of(values[at:last])
+        difference, half, p = _welch(after, before)
+        time = times(series)[mine[at]]
+        rows.append(
+            {
+                "influence": "calibration",
+                "what": f"{series.calibration_id[mine[at]]} from {shown_time(time)}, degrees",
+                "change": difference, "low": difference - half, "high": difference + half, "p": p,
+                "n": after.n + before.n,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _temperatures(found: Sequence[EventRecord]) -> dict[str, tuple[Array, Array]]:
+    """Times in seconds and temperatures of each station, in the order of time."""
+    read: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for event in found:
+        number = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?)", event.text)
+        if number:
+            read[event.station].append((event.utc.timestamp(), float(number[1].replace(",", "."))))
+    return {
+        station: (np.array([t for t, _ in sorted(pairs)]), np.array([k for _, k in sorted(pairs)]))
+        for station, pairs in read.items()
+        if len(pairs) > 1
+    }
+
+
+def _daily(
+    characteristic: Characteristic,
+    station: str,
+    values: Array,
+    series: ValueSeries,
+    mine: NDArray[np.int64],
+) -> Picture:
+    days = series.time[mine].astype("datetime64[D]")
+    known = np.unique(days)
+    means = [float(values[days == day].mean()) for day in known]
+    verticals = [(str(days[k]), str(series.calibration_id[mine[k]])) for k in _changes(series, mine)]
+    return Picture(
+        f"{characteristic} at {station}", "day (UTC)", "mean, degrees",
+        (Trace("daily mean", "line", [str(day) for day in known], means),), verticals=verticals,
+    )  # fmt: skip

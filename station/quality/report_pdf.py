@@ -1,0 +1,57 @@
+"""A report on paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from db.exports.pdf import Document
+from station.quality.pictures import as_figure
+from station.quality.report import Report, Section
+
+LONGEST_TABLE = 500
+_COLUMNS = 9
+
+
+def write_pdf(path: Path, report: Report) -> None:
+    """Write the report; a file of that name is replaced.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    made = f"{report.made_utc:%Y-%m-%d %H:%M:%S} UTC"
+    document = Document(report.title, f"{report.database}    {made}", report.made_utc)
+    document.paragraph(f"{report.about}.")
+    for section in report.sections:
+        _section(document, section)
+    document.save(path)
+
+
+def _section(document: Document, section: Section) -> None:
+    document.heading(section.title)
+    document.facts([(name.replace("_", " "), _shown(value)) for name, value in section.figures.items()])
+    if section.text:
+        document.paragraph(section.text)
+    for picture in section.pictures:
+        document.picture(as_figure(picture))
+    rows = section.rows[:LONGEST_TABLE]
+    if not rows:
+        document.paragraph("Nothing.")
+        return
+    names = list(rows[0])
+    # A page is as wide as it is: a wide table continues below, its first column repeated.
+    for first in range(1, max(len(names), 2), _COLUMNS - 1):
+        shown = [names[0], *names[first : first + _COLUMNS - 1]]
+        document.rows(
+            [name.replace("_", " ") for name in shown],
+            [[_shown(row[name]) for name in shown] for row in rows],
+        )
+    if len(section.rows) > LONGEST_TABLE:
+        document.paragraph(f"{len(section.rows) - LONGEST_TABLE} more rows; --json has all.")
+
+
+def _shown(value: object) -> str:
+    if value is None or value == "":
+        return "–"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,161 @@
+"""One vehicle with everything that explains it, and the vehicles since the last good master check."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from alignment.errors import InputError
+from db.exports.rows import angle_rows
+from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
+from station.quality.report import Row, Section, shown_time
+
+_LONGEST = 300
+
+
+def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
+    """All values of one VIN, and what they rest on.
+
+    Raises
+    ------
+    InputError
+        When nothing is stored of it.
+    """
+    history = vin_history(reader, vin)
+    if not history.cycles:
+        raise InputError(field="--vin", expected=f"a VIN in {reader.where}", seen=f"no cycle of {vin!r}")
+    rows: list[Row] = [
+        {
+            "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
+            "angle": row.characteristic, "value_deg": row.value_deg,
+            "u95_deg": None if row.u_deg is None else (row.coverage_factor or 2.0) * row.u_deg,
+            "low_deg": row.low_deg, "high_deg": row.high_deg, "verdict": row.verdict,
+            "outcome": row.outcome, "reason": row.reason_text, "method": row.method,
+            "calibration": row.calibration_id, "zero": row.zero_measurement_id, "points": row.points_used,
+            "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
+        }
+        for stored in history.cycles
+        for row in angle_rows(stored)
+    ]  # fmt: skip
+    cycles: list[Row] = [
+        {
+            "received": shown_time(stored.record.received_utc), "stored": shown_time(stored.stored_utc),
+            "station": stored.record.station,
+            "type": None if stored.record.vehicle is None else stored.record.vehicle.vehicle_type,
+            "result": str(stored.record.outcome), "reason": stored.record.reason_text,
+            "trigger": stored.record.trigger_sequence, "software": stored.record.software_version,
+            "configuration": stored.record.config_hash, "cycle": str(stored.record.uuid),
+        }
+        for stored in history.cycles
+    ]  # fmt: skip
+    return [
+        Section(
+            "cycles",
+            f"Cycles of {vin}",
+            cycles,
+            {"cycles": len(cycles)},
+            brief=("received", "station", "result", "cycle"),
+        ),
+        Section(
+            "angles",
+            "Angles",
+            rows,
+            {"angles": len(rows)},
+            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "reason"),
+        ),
+        *_explaining(history),
+    ]
+
+
+def since_check_section(reader: ResultReader, where: Filter) -> Section:
+    """Vehicles measured since the last good master check of each station and wheel."""
+    rows: list[Row] = []
+    found = since_last_good_check(reader, where)
+    for group in found:
+        for vehicle in group.vehicles:
+            rows.append(
+                {
+                    "station": group.station, "wheels": ", ".join(group.wheels),
+                    "last_good_check": shown_time(group.last_good_utc), "vin": vehicle.vin,
+                    "type": vehicle.vehicle_type, "received": shown_time(vehicle.received_utc),
+                    "result": str(vehicle.outcome), "cycle": str(vehicle.cycle),
+                }
+            )  # fmt: skip
+    never = sum(group.last_good_utc is None for group in found)
+    said = [
+        f"{group.station} {', '.join(group.wheels)}: last good check {shown_time(group.last_good_utc)}, "
+        f"{len(group.vehicles)} vehicles since"
+        for group in found
+    ]
+    return Section(
+        "since_check",
+        "Vehicles since the last good master check",
+        rows,
+        {"vehicles_since_check": len({row["vin"] for row in rows}), "never_checked": never},
+        ". ".join(said) + ("." if said else "No station has measured yet."),
+        brief=("station", "last_good_check", "vin", "type", "result"),
+    )
+
+
+def _explaining(history: VinHistory) -> list[Section]:
+    calibrations: list[Row] = [
+        {
+            "calibration": record.id, "rig": record.rig, "valid_from": shown_time(record.valid_from_utc),
+            "valid_until": shown_time(record.valid_until_utc),
+        }
+        for record in history.calibrations.values()
+    ]  # fmt: skip
+    checks: list[Row] = [
+        {
+            "time": shown_time(check.utc), "calibration": check.calibration_id,
+            "against": str(check.kind), "outcome": str(check.outcome), "reason": check.reason,
+            "as_found": _document(check.as_found), "as_left": _document(check.as_left),
+        }
+        for check in history.checks
+    ]  # fmt: skip
+    zeros: list[Row] = [
+        {
+            "zero": zero.record.id, "rig": zero.record.rig, "measured": shown_time(zero.record.measured_utc),
+            "master": zero.record.master,
+            "revoked": None if zero.revocation is None else zero.revocation.reason,
+        }
+        for zero in history.zeros.values()
+    ]  # fmt: skip
+    stations: list[Row] = [
+        {
+            "station": station.station, "plant": station.plant, "label": station.label,
+            "valid_from": shown_time(station.valid_from_utc), "software": station.software_version,
+            "configuration": station.config_hash,
+        }
+        for station in history.stations
+    ]  # fmt: skip
+    happened: list[Row] = [
+        {
+            "time": shown_time(event.utc), "station": event.station, "severity": str(event.severity),
+            "source": event.source, "code": event.code, "text": event.text,
+        }
+        for event in history.events
+    ]  # fmt: skip
+    shots: list[Row] = [
+        {
+            "wheel": shot.record.wheel, "path": shot.record.path, "bytes": shot.record.bytes,
+            "archived": shown_time(shot.record.archived_utc), "class": str(shot.record.retention),
+            "removed": None if shot.removal is None else shown_time(shot.removal.utc),
+        }
+        for shot in history.shots
+    ]  # fmt: skip
+    found = (
+        ("calibrations", "Calibrations it rests on", calibrations),
+        ("checks", "Checks of these calibrations", checks),
+        ("zeros", "Zero measurements that were subtracted", zeros),
+        ("stations", "Stations as configured then", stations),
+        ("events", "Events around the measurements", happened),
+        ("images", "Archived images", shots),
+    )
+    return [Section(name, title, rows) for name, title, rows in found]
+
+
+def _document(figures: Mapping[str, Any] | None) -> str | None:
+    """Figures of a check on one line, cut where a table ends."""
+    return None if figures is None else json.dumps(figures, ensure_ascii=False)[:_LONGEST]

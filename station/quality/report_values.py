@@ -1,0 +1,281 @@
+"""Distributions with capability, and control charts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from db.queries import Characteristic, Filter, ResultReader, ValueSeries, moments, value_series
+from db.queries import Moments as StoredMoments
+from db.statistics.capability import Index, capability, moving_range_sigma, normality_p
+from db.statistics.charts import ControlChart, Track, control_chart
+from db.statistics.choices import ChartKind, RuleSet
+from db.statistics.moments import Moments
+from db.statistics.rules import rule_texts
+from station.quality.pictures import Picture, Trace
+from station.quality.report import Row, Section, shown_time
+
+Array = NDArray[np.float64]
+
+NEWEST = 20_000
+"""Single values that distributions and charts take at most, the newest ones."""
+_PICTURES = 16
+_BINS = 40
+_DEG = 180.0 / math.pi
+
+
+def capability_section(
+    reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]
+) -> Section:
+    """Indices of every characteristic with limits, and its distribution."""
+    judged = [
+        found
+        for found in moments(reader, where, characteristics)
+        if found.n >= 2 and (found.low is not None or found.high is not None)
+    ]
+    rows: list[Row] = []
+    pictures: list[Picture] = []
+    series: dict[Characteristic, ValueSeries] = {}
+    for found in judged:
+        overall = in_degrees(found)
+        low, high = _degrees(found.low), _degrees(found.high)
+        if found.characteristic not in series:
+            series[found.characteristic] = value_series(reader, found.characteristic, where, newest=NEWEST)
+        values = _values_with_limits(series[found.characteristic], found)
+        sigma, df = _within(found, values)
+        indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
+        rows.append(
+            {
+                "characteristic": str(found.characteristic), "n": found.n, "mean_deg": overall.mean,
+                "sigma_within_deg": indices.within_sigma, "sigma_deg": overall.deviation,
+                "low_deg": low, "high_deg": high,
+                **_index("cp", indices.cp), **_index("cpk", indices.cpk),
+                **_index("pp", indices.pp), **_index("ppk", indices.ppk),
+                "missed_low": found.n_low, "missed_high": found.n_high,
+                "expected_outside_ppm": indices.expected_outside_ppm,
+                "normality_p": normality_p(values),
+            }
+        )  # fmt: skip
+        if len(pictures) < _PICTURES and len(values) > 1:
+            pictures.append(_histogram(found, overall, values, low, high))
+    figures: dict[str, float | int | None] = {
+        "capable_characteristics": sum((_value(row, "cpk") or 0.0) >= 1.33 for row in rows),
+        "judged_characteristics": len(rows),
+        "least_cpk": min((v for row in rows if (v := _value(row, "cpk")) is not None), default=None),
+        "least_ppk": min((v for row in rows if (v := _value(row, "ppk")) is not None), default=None),
+    }
+    if len(rows) == 1:
+        keys = [f"{name}{end}" for name in ("cp", "cpk", "pp", "ppk") for end in ("", "_low", "_high")]
+        figures |= {key: _value(rows[0], key) for key in ("n", "mean_deg", "sigma_deg", *keys)}
+    return Section(
+        "capability",
+        "Distributions and capability",
+        rows,
+        figures,
+        "Cp and Cpk: spread within the hours of one station, or of successive values where no two came in "
+        "one hour. Pp and Ppk: spread of all values. Limits of the "
+        "indices are for 95 % confidence. A small normality p (Anderson-Darling, newest "
+        f"{NEWEST} values) says that the expected share outside is not to be relied on.",
+        pictures,
+        brief=("characteristic", "n", "mean_deg", "sigma_deg", "cp", "cpk", "pp", "ppk", "missed_high"),
+    )
+
+
+def chart_sections(
+    reader: ResultReader,
+    where: Filter,
+    characteristics: Sequence[Characteristic],
+    kind: ChartKind,
+    rules: RuleSet,
+    size: int,
+) -> list[Section]:
+    """A control chart of each characteristic, and the list of its signals."""
+    wanted = list(characteristics) or wheel_angles(reader, where)
+    rows: list[Row] = []
+    signals: list[Row] = []
+    pictures: list[Picture] = []
+    for characteristic in wanted:
+        series = value_series(reader, characteristic, where, newest=NEWEST)
+        values, relative = comparable(series)
+        least = 2 if kind is ChartKind.INDIVIDUALS else 2 * size
+        if len(values) < least:
+            continue
+        chart = control_chart(kind, values, rules, size=size)
+        rows.append(
+            {
+                "characteristic": str(characteristic), "values": len(values),
+                "centre_deg": chart.location.centre, "lower_deg": chart.location.lower,
+                "upper_deg": chart.location.upper, "sigma_deg": chart.sigma,
+                "spread_upper_deg": chart.spread.upper, "signals": len(chart.location.signals),
+                "spread_signals": len(chart.spread.signals), "from_middle": "yes" if relative else "no",
+            }
+        )  # fmt: skip
+        for track in (chart.location, chart.spread):
+            signals += _signals(characteristic, chart, track, series)
+        if len(pictures) < _PICTURES:
+            pictures += [
+                _chart_picture(characteristic, chart, track, series, relative)
+                for track in (chart.location, chart.spread)
+            ]
+    texts = "; ".join(f"{number} {text}" for number, text in enumerate(rule_texts(rules), start=1))
+    found = sum(int(str(row["signals"])) + int(str(row["spread_signals"])) for row in rows)
+    return [
+        Section(
+            "chart",
+            f"Control charts ({kind}{'' if kind is ChartKind.INDIVIDUALS else f', subgroups of {size}'})",
+            rows,
+            {"charts": len(rows), "signals": found},
+            f"Rules {rules}: {texts}. The newest {NEWEST} values in the order of storing. Where vehicle "
+            "types differ in their limits, values are taken from the middle of their own limits.",
+            pictures,
+            brief=("characteristic", "values", "centre_deg", "lower_deg", "upper_deg", "signals"),
+        ),
+        Section(
+            "signals",
+            "Signals of the charts",
+            signals,
+            brief=("characteristic", "track", "time", "vin", "rule"),
+        ),
+    ]
+
+
+def wheel_angles(reader: ResultReader, where: Filter) -> list[Characteristic]:
+    """Camber and toe of every wheel that has values."""
+    found = {m.characteristic for m in moments(reader, where) if m.n}
+    wheels = [c for c in found if c.quantity in ("camber", "toe")]
+    return sorted(wheels, key=str)
+
+
+def comparable(series: ValueSeries) -> tuple[Array, bool]:
+    """(N,) values in degrees, and whether they count from the middle of their own limits.
+
+    They do where vehicles have different limits: their nominal angles differ, and one process is looked for.
+    """
+    limits = {(low, high) for low, high in zip(_known(series.low), _known(series.high), strict=True)}
+    if len(limits) < 2:
+        return series.value * _DEG, False
+    middle = np.nan_to_num((series.low + series.high) / 2.0)
+    return (series.value - middle) * _DEG, True
+
+
+def in_degrees(found: StoredMoments) -> Moments:
+    """The same moments in degrees."""
+    return Moments(found.n, found.mean * _DEG, found.m2 * _DEG**2, found.minimum * _DEG, found.maximum * _DEG)
+
+
+def times(series: ValueSeries) -> list[datetime]:
+    """Times of a series, aware."""
+    micros = series.time.astype("datetime64[us]").astype(np.int64)
+    return [datetime.fromtimestamp(int(us) / 1e6, UTC) for us in micros]
+
+
+def _known(values: Array) -> list[float | None]:
+    return [None if math.isnan(value) else float(value) for value in values]
+
+
+def _within(found: StoredMoments, values: Array) -> tuple[float | None, int | None]:
+    """Short-term spread in degrees and its degrees of freedom.
+
+    Where no two vehicles came in one hour, it is that of successive values.
+    """
+    if found.std_within is not None:
+        return found.std_within * _DEG, found.dof_within
+    return moving_range_sigma(values) or (None, None)
+
+
+def _values_with_limits(series: ValueSeries, found: StoredMoments) -> Array:
+    same = [
+        (low, high) == (found.low, found.high)
+        for low, high in zip(_known(series.low), _known(series.high), strict=True)
+    ]
+    out: Array = series.value[np.array(same, dtype=bool)] * _DEG
+    return out
+
+
+def _histogram(
+    found: StoredMoments, overall: Moments, values: Array, low: float | None, high: float | None
+) -> Picture:
+    counts, edges = np.histogram(values, bins=min(_BINS, max(5, round(math.sqrt(len(values))))))
+    middles = (edges[:-1] + edges[1:]) / 2
+    traces = [Trace("values", "bar", middles.tolist(), counts.astype(float).tolist())]
+    if overall.deviation > 0.0:
+        x = np.linspace(edges[0], edges[-1], 80)
+        z = (x - overall.mean) / overall.deviation
+        density = np.exp(-0.5 * z * z) / (overall.deviation * math.sqrt(2 * math.pi))
+        scaled = density * len(values) * (edges[1] - edges[0])
+        traces.append(Trace("normal", "line", x.tolist(), scaled.tolist(), colour="second"))
+    levels = {
+        name: value
+        for name, value in (("limit low", low), ("limit high", high), ("centre mean", overall.mean))
+        if value is not None
+    }
+    return Picture(f"{found.characteristic}", "degrees", "vehicles", tuple(traces), levels, limits_on_x=True)
+
+
+def _chart_picture(
+    characteristic: Characteristic, chart: ControlChart, track: Track, series: ValueSeries, relative: bool
+) -> Picture:
+    points = [track_index(chart, track, index) for index in range(len(track.points))]
+    vins = [str(series.vin[index]) for index in points]
+    x = list(range(1, len(points) + 1))
+    traces = [Trace(track.name, "line", x, track.points.tolist(), vins)]
+    flagged = sorted({signal.index for signal in track.signals})
+    if flagged:
+        texts = [
+            f"{vins[index]}: {', '.join(s.text for s in track.signals if s.index == index)}"
+            for index in flagged
+        ]
+        y = [float(track.points[index]) for index in flagged]
+        traces.append(Trace("signal", "points", [x[index] for index in flagged], y, texts, "signal"))
+    levels = {"centre": track.centre, "control upper": track.upper, "control lower": track.lower}
+    unit = "degrees from the middle of the limits" if relative else "degrees"
+    return Picture(
+        f"{characteristic}: {track.name}",
+        "subgroup" if chart.size > 1 else "value",
+        unit,
+        tuple(traces),
+        levels,
+    )
+
+
+def track_index(chart: ControlChart, track: Track, index: int) -> int:
+    """Position of the last value that a point of a track stands for."""
+    if chart.size > 1:
+        return (index + 1) * chart.size - 1
+    return index + 1 if track is chart.spread else index
+
+
+def _signals(
+    characteristic: Characteristic, chart: ControlChart, track: Track, series: ValueSeries
+) -> list[Row]:
+    at = times(series)
+    rows: list[Row] = []
+    for signal in track.signals:
+        last = track_index(chart, track, signal.index)
+        rows.append(
+            {
+                "characteristic": str(characteristic), "track": track.name, "time": shown_time(at[last]),
+                "vin": str(series.vin[last]), "station": str(series.station[last]),
+                "point_deg": float(track.points[signal.index]), "rule": signal.rule, "what": signal.text,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _index(name: str, index: Index | None) -> dict[str, float | None]:
+    if index is None:
+        return {name: None, f"{name}_low": None, f"{name}_high": None}
+    return {name: index.value, f"{name}_low": index.low, f"{name}_high": index.high}
+
+
+def _value(row: Row, name: str) -> float | None:
+    value = row[name]
+    return None if value is None or isinstance(value, str) else float(value)
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else angle * _DEG
