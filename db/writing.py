@@ -158,24 +158,21 @@ def _insert(connection: Connection, table: Table) -> Any:
 
 
 def _vehicle_ids(connection: Connection, wanted: Sequence[VehicleRecord]) -> dict[VehicleRecord, int]:
-    def known(missing: Sequence[VehicleRecord]) -> dict[VehicleRecord, int]:
-        found: dict[VehicleRecord, int] = {}
-        for start in range(0, len(missing), PORTION):
-            names = [(v.vin, v.vehicle_type) for v in missing[start : start + PORTION]]
-            same = tuple_(vehicles.c.vin, vehicles.c.vehicle_type).in_(names)
-            query = select(vehicles.c.id, vehicles.c.vin, vehicles.c.vehicle_type).where(same)
-            found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in connection.execute(query)}
-        return found
-
-    distinct = list(dict.fromkeys(wanted))
-    found = known(distinct)
-    missing = [vehicle for vehicle in distinct if vehicle not in found]
-    if missing:
-        statement = _insert(connection, vehicles).on_conflict_do_nothing()
-        # In one order for all writers, or two of them could wait for each other.
-        missing.sort(key=lambda vehicle: (vehicle.vin, vehicle.vehicle_type))
-        connection.execute(statement, [flat_values(vehicle) for vehicle in missing])
-        found |= known(missing)
+    # In one order for all writers, or two of them could wait for each other.
+    missing = sorted(set(wanted), key=lambda vehicle: (vehicle.vin, vehicle.vehicle_type))
+    columns = (vehicles.c.id, vehicles.c.vin, vehicles.c.vehicle_type)
+    # Nearly every vehicle comes once, so it is tried to be new first.
+    insert = _insert(connection, vehicles).on_conflict_do_nothing().returning(*columns)
+    found: dict[VehicleRecord, int] = {}
+    for start in range(0, len(missing), PORTION):
+        rows = [flat_values(vehicle) for vehicle in missing[start : start + PORTION]]
+        added = connection.execute(insert, rows)
+        found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in added}
+    known = [vehicle for vehicle in missing if vehicle not in found]
+    for start in range(0, len(known), PORTION):
+        names = [(vehicle.vin, vehicle.vehicle_type) for vehicle in known[start : start + PORTION]]
+        query = select(*columns).where(tuple_(vehicles.c.vin, vehicles.c.vehicle_type).in_(names))
+        found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in connection.execute(query)}
     return found
 
 

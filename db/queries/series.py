@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, Double, Select, Table, Text, cast, null, select
+from sqlalchemy import (
+    BigInteger,
+    Connection,
+    Double,
+    Select,
+    Table,
+    Text,
+    cast,
+    extract,
+    null,
+    select,
+    type_coerce,
+)
 
 from db.partial_sums import OF_AXLE, OF_WHEEL
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
@@ -66,22 +78,29 @@ def value_series(
 ) -> ValueSeries:
     """All values of a characteristic that a filter leaves, or only the last `newest` of them."""
     with reader.transaction() as connection:
+        local = connection.dialect.name == "sqlite"
         query = _series(connection, characteristic, where)
         if newest is None:
             rows = connection.execute(query.order_by(cycles.c.id)).all()
         else:
             rows = connection.execute(query.order_by(cycles.c.id.desc()).limit(newest)).all()[::-1]
     columns: list[Any] = list(zip(*rows, strict=True)) if rows else [()] * 11
-    times, numbers, texts = columns[0], columns[1:5], columns[5:]
+    times, numbers, texts, uuids = columns[0], columns[1:5], columns[5:10], columns[10]
     value, u, low, high = (np.array(column, dtype=np.float64) for column in numbers)
+    verdict, vin, vehicle_type, station, calibration = (_objects(column) for column in texts)
     return ValueSeries(
         characteristic,
-        np.array([_epoch_us(time) for time in times], dtype=np.int64).astype("datetime64[us]"),
+        np.array(times, dtype="datetime64[us]"),
         value,
         u,
         low,
         high,
-        *[_objects(column) for column in texts],
+        verdict,
+        vin,
+        vehicle_type,
+        station,
+        calibration,
+        _objects([UUID(hex=uuid) for uuid in uuids] if local else uuids),
     )
 
 
@@ -119,16 +138,23 @@ def _series(connection: Connection, characteristic: Characteristic, where: Filte
         table.c.get(name, nothing)
         for name in (quantity.value, f"{quantity}_u", f"{quantity}_low", f"{quantity}_high")
     ]
+    # As the database has them: thousands of converted times and UUIDs would take longer than the query.
+    if connection.dialect.name == "sqlite":
+        time: Any = type_coerce(cycles.c.received_utc, Text)
+        uuid: Any = type_coerce(cycles.c.uuid, Text)
+    else:
+        time = cast(extract("epoch", cycles.c.received_utc) * 1_000_000, BigInteger)
+        uuid = cycles.c.uuid
     query = (
         select(
-            cycles.c.received_utc,
+            time,
             *columns,
             cast(table.c.verdict, Text),
             vehicles.c.vin,
             vehicles.c.vehicle_type,
             cycles.c.station,
             table.c.calibration_id if "calibration_id" in table.c else cast(null(), Text),
-            cycles.c.uuid,
+            uuid,
         )
         .select_from(cycles)
         .join(table, table.c.cycle_id == cycles.c.id)
@@ -146,12 +172,7 @@ def _series(connection: Connection, characteristic: Characteristic, where: Filte
     return query
 
 
-def _epoch_us(time: datetime) -> int:
-    whole = time.replace(microsecond=0)
-    return int(whole.timestamp()) * 1_000_000 + time.microsecond
-
-
-def _objects(values: tuple[Any, ...]) -> NDArray[np.object_]:
+def _objects(values: Sequence[Any]) -> NDArray[np.object_]:
     array = np.empty(len(values), dtype=object)
     array[:] = values
     return array

@@ -334,11 +334,13 @@ def _sums(
         rows.extend(connection.execute(merged(labelled, (*_labels(by), *keys))))
 
     if plan.spans is not None:
-        conditions = [summed_characteristics.c.quantity.in_(quantities), *at_stations(where, stations.c.name)]
+        conditions = [summed_characteristics.c.quantity.in_(quantities)]
         if parts:
             conditions.append(summed_characteristics.c.part.in_(parts))
         if where.vehicle_types:
             conditions.append(summed_characteristics.c.vehicle_type.in_(where.vehicle_types))
+        # By number, so that each leads into the primary key.
+        ids = connection.execute(select(summed_characteristics.c.id).where(*conditions)).scalars().all()
         kept = (
             select(
                 *(summed_characteristics.c[name] for name in CHARACTERISTIC),
@@ -348,7 +350,7 @@ def _sums(
             )
             .join(summed_characteristics, value_sums.c.characteristic_id == summed_characteristics.c.id)
             .join(stations, value_sums.c.station_id == stations.c.id)
-            .where(plan.spans, *conditions)
+            .where(plan.spans, value_sums.c.characteristic_id.in_(ids), *at_stations(where, stations.c.name))
         )
         in_fresh_hours = (value_sums.c.hours == 1) & value_sums.c.start.in_(plan.fresh_hours)
         collect(kept.where(~in_fresh_hours) if plan.fresh else kept)
@@ -400,11 +402,12 @@ def _outcomes(
     of_wheels = where.wheels if level == "wheel" else ()
     rows: list[Any] = []
     if plan.spans is not None:
-        conditions = [counted_categories.c.level == level, *at_stations(where, stations.c.name)]
+        conditions = [counted_categories.c.level == level]
         if where.vehicle_types:
             conditions.append(counted_categories.c.vehicle_type.in_(where.vehicle_types))
         if of_wheels:
             conditions.append(counted_categories.c.part.in_(of_wheels))
+        ids = connection.execute(select(counted_categories.c.id).where(*conditions)).scalars().all()
         kept = (
             select(
                 *(counted_categories.c[name] for name in CATEGORY),
@@ -414,7 +417,7 @@ def _outcomes(
             )
             .join(counted_categories, result_counts.c.category_id == counted_categories.c.id)
             .join(stations, result_counts.c.station_id == stations.c.id)
-            .where(plan.spans, *conditions)
+            .where(plan.spans, result_counts.c.category_id.in_(ids), *at_stations(where, stations.c.name))
         )
         rows += connection.execute(counted(_labelled(kept, by, (*keys, "n")), (*_labels(by), *keys)))
     for selection in (plan.fresh, plan.others):

@@ -2,87 +2,24 @@
 
 from __future__ import annotations
 
-import os
-import secrets
-import shutil
-import socket
-import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
-import psycopg
 import pytest
 
+from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION
 
 
-@dataclass(frozen=True)
-class PostgresServer:
-    """A running server: port on the loopback address, password of its superuser ``truewheel``."""
-
-    port: int
-    password: str
-
-    def url(self, database: str) -> str:
-        return f"postgresql://truewheel:{self.password}@127.0.0.1:{self.port}/{database}"
-
-    @contextmanager
-    def database(self) -> Iterator[str]:
-        """A new empty database, dropped in the end; yields its URL."""
-        name = f"truewheel_{secrets.token_hex(4)}"
-        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}")
-            yield self.url(name)
-            connection.execute(f"DROP DATABASE {name} WITH (FORCE)")
-
-
-def _binaries() -> Path | None:
-    on_path = shutil.which("initdb")
-    found = [Path(on_path)] if on_path else sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    return found[-1].parent if found else None
-
-
-@pytest.fixture(scope="session")
-def postgres_server() -> Iterator[PostgresServer]:
-    binaries = _binaries()
-    if binaries is None:
+@pytest.fixture(scope="session", name="postgres_server")
+def running_postgres_server() -> Iterator[PostgresServer]:
+    programs = binaries()
+    if programs is None:
         pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
-    # The server refuses to run as root; its package comes with a user.
-    user = "postgres" if os.geteuid() == 0 else None
-    folder = Path(tempfile.mkdtemp(prefix="truewheel-pg-"))
-    server = None
-    try:
-        if user:
-            shutil.chown(folder, user)
-        password = secrets.token_hex(8)
-        secret = folder / "password"
-        secret.write_text(password)
-        secret.chmod(0o644)
-        subprocess.run(
-            [binaries / "initdb", "-D", folder / "data", "-U", "truewheel", "-E", "UTF8", "--locale=C.UTF-8",
-             "-A", "scram-sha-256", f"--pwfile={secret}", "--no-sync"],
-            user=user, cwd=folder, check=True, capture_output=True, timeout=60,
-        )  # fmt: skip
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
-        control = [binaries / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-w"]
-        # No test pulls the plug, so nothing needs to reach the disk: databases are made several times faster.
-        options = f"-F -p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder}"
-        # Output to a file: the server would hold a pipe open.
-        start = [*control, "-o", options, "start"]
-        subprocess.run(start, user=user, cwd=folder, check=True, timeout=60, stdout=subprocess.DEVNULL)
-        server = control
-        yield PostgresServer(port, password)
-    finally:
-        if server:
-            stop = [*server, "-m", "immediate", "stop"]
-            subprocess.run(stop, user=user, cwd=folder, check=True, timeout=60, stdout=subprocess.DEVNULL)
-        shutil.rmtree(folder)
+    # No test pulls the plug, so nothing needs to reach the disk: databases are made several times faster.
+    with postgres_server(temporary_folder(), programs, ["-F"]) as server:
+        yield server
 
 
 @pytest.fixture

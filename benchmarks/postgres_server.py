@@ -1,0 +1,108 @@
+"""A PostgreSQL server of one's own on the loopback address, for tests and benchmarks; gone afterwards."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import socket
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psycopg
+
+
+@dataclass
+class PostgresServer:
+    """A running server: port on the loopback address, password of its superuser ``truewheel``."""
+
+    port: int
+    password: str
+    _control: list[str | Path] = field(repr=False)
+    _options: str = field(repr=False)
+    _user: str | None = field(repr=False)
+    _folder: Path = field(repr=False)
+
+    def url(self, database: str) -> str:
+        """URL of one of its databases."""
+        return f"postgresql://truewheel:{self.password}@127.0.0.1:{self.port}/{database}"
+
+    @contextmanager
+    def database(self) -> Iterator[str]:
+        """A new empty database, dropped in the end; yields its URL."""
+        name = f"truewheel_{secrets.token_hex(4)}"
+        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+            connection.execute(f"CREATE DATABASE {name}".encode())
+        yield self.url(name)
+        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
+            connection.execute(f"DROP DATABASE {name} WITH (FORCE)".encode())
+
+    def start(self) -> None:
+        """Start it, after `stop`."""
+        # Output to nowhere: the server would hold a pipe open.
+        self._run("-o", self._options, "start")
+
+    def stop(self, mode: str = "immediate") -> None:
+        """Stop it: ``immediate`` as by a crash, ``fast`` as by an administrator."""
+        self._run("-m", mode, "stop")
+
+    def _run(self, *arguments: str) -> None:
+        subprocess.run(
+            [*self._control, *arguments], user=self._user, cwd=self._folder, check=True, timeout=120,
+            stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+
+
+def binaries() -> Path | None:
+    """Folder of the server's programs; None when it is not installed."""
+    on_path = shutil.which("initdb")
+    found = [Path(on_path)] if on_path else sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+    return found[-1].parent if found else None
+
+
+@contextmanager
+def postgres_server(folder: Path, programs: Path, options: Sequence[str] = ()) -> Iterator[PostgresServer]:
+    """Run a server with its data in an empty folder, which is removed in the end.
+
+    Parameters
+    ----------
+    options
+        Of the server, such as ``-F`` (nothing reaches the disk) or ``-c shared_buffers=1GB``.
+    """
+    # The server refuses to run as root; its package comes with a user.
+    user = "postgres" if os.geteuid() == 0 else None
+    try:
+        if user:
+            shutil.chown(folder, user)
+        password = secrets.token_hex(8)
+        secret = folder / "password"
+        secret.write_text(password)
+        secret.chmod(0o644)
+        subprocess.run(
+            [programs / "initdb", "-D", folder / "data", "-U", "truewheel", "-E", "UTF8", "--locale=C.UTF-8",
+             "-A", "scram-sha-256", f"--pwfile={secret}", "--no-sync"],
+            user=user, cwd=folder, check=True, capture_output=True, timeout=60,
+        )  # fmt: skip
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        own = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder}"
+        control: list[str | Path] = [programs / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-w"]
+        server = PostgresServer(port, password, control, " ".join([*options, own]), user, folder)
+        server.start()
+        try:
+            yield server
+        finally:
+            if (folder / "data" / "postmaster.pid").exists():
+                server.stop()
+    finally:
+        shutil.rmtree(folder)
+
+
+def temporary_folder() -> Path:
+    """An empty folder that the server's user reaches too."""
+    return Path(tempfile.mkdtemp(prefix="truewheel-pg-"))
