@@ -60,6 +60,7 @@ class _Pool:
     rays: Array
     group: Index
     cluster: Index
+    line: Index
     head: Index
 
 
@@ -200,14 +201,16 @@ def _full_scale_share(image: Image, lines: LightLines) -> float:
 
 
 def _pool(matched: list[Candidates]) -> _Pool:
-    groups, stretches, heads = [], [], []
-    next_group = 0
+    groups, lines, stretches, heads = [], [], [], []
+    next_group = next_line = 0
     for k, c in enumerate(matched):
         groups.append(c.left_point + next_group)
         # Candidates stand in the order of lines and points: another stretch begins where either changes.
-        stretches.append((k * 4096 + c.left_line) * 65536 + c.left_point // _STRETCH)
+        lines.append(c.left_line + next_line)
+        stretches.append(lines[-1] * 65536 + c.left_point // _STRETCH)
         heads.append(np.full(len(c.points), k))
         next_group += int(c.left_point.max()) + 1
+        next_line += int(c.left_line.max()) + 1
     stretch = np.concatenate(stretches)
     return _Pool(
         points=np.concatenate([c.points for c in matched]),
@@ -215,6 +218,7 @@ def _pool(matched: list[Candidates]) -> _Pool:
         rays=np.concatenate([c.rays for c in matched]),
         group=np.concatenate(groups),
         cluster=np.concatenate([[0], np.cumsum(stretch[1:] != stretch[:-1])]),
+        line=np.concatenate(lines),
         head=np.concatenate(heads),
     )
 
@@ -278,8 +282,9 @@ def _without_intruder(pool: _Pool, surface: _Surface) -> _Surface:
 
 def _fit(pool: _Pool, chosen: NDArray[np.bool_], normal: Array, centre: Array) -> RevolutionFit:
     return fit_revolution(
-        pool.points[chosen], pool.sigma[chosen], pool.rays[chosen], pool.cluster[chosen], normal, centre
-    )
+        pool.points[chosen], pool.sigma[chosen], pool.rays[chosen], pool.cluster[chosen], normal, centre,
+        line=pool.line[chosen],
+    )  # fmt: skip
 
 
 def _evaluate(
@@ -331,10 +336,10 @@ def _evaluate(
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
         rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
     elif settings.method == "ridges":
-        first = np.cumsum([0, *(int(c.left_line.max()) + 1 for c in matched)])
-        line = np.concatenate([c.left_line + k for c, k in zip(matched, first, strict=False)])
         try:
-            plane = fit_ridges(pool.points[surface.chosen], head, line[surface.chosen], fit, len(matched))
+            plane = fit_ridges(
+                pool.points[surface.chosen], head, pool.line[surface.chosen], fit, len(matched)
+            )
         except DegenerateInputError as error:
             return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes

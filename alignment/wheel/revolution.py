@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.wheel import revolution_kernels as kernels
+from alignment.wheel.disturbance import undisturbed
 from alignment.wheel.revolution_kernels import AXIS, FEWEST
 from alignment.wheel.revolution_steps import (
     SETTLED,
@@ -28,8 +29,9 @@ from alignment.wheel.revolution_steps import (
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_TUKEY = 3.5  # in robust standard deviations; small, because letters and ring edges are not noise
+_TUKEY = 4.0  # in robust standard deviations; small, because letters and ring edges are not noise
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
+_CLEANINGS = 2  # times that disturbed stretches are looked for
 _SETTLED = 4e-7  # radians, 0.0014′; the next step would be several times smaller
 
 
@@ -50,7 +52,7 @@ class RevolutionFit:
     weights
         (N,) robust weight of each point, 0 to 1; 0 outside the profile.
     residuals
-        (N,) height above the fitted surface, millimetres.
+        (N,) height above the fitted surface, millimetres; NaN for points that were left out.
     scale
         Robust standard deviation of residual / sigma; 1 when the stated noise is all there is.
     covariance
@@ -97,6 +99,7 @@ def fit_revolution(
     normal: Array,
     centre: Array,
     *,
+    line: Index | None = None,
     knot_step: float = 1.0,
     scale_floor: float = 0.3,
 ) -> RevolutionFit:
@@ -115,6 +118,9 @@ def fit_revolution(
         covariance is estimated between clusters (the sandwich of Liang and Zeger 1986).
     normal, centre
         Start values: outboard direction (3,) and a point near the axis (3,).
+    line
+        (N,) number of each point's line, points in their order along it: stretches that leave the surface
+        together are left out. None: no order is known.
     knot_step
         Knot distance of the profile, millimetres.
     scale_floor
@@ -133,7 +139,7 @@ def fit_revolution(
     for thin, step, first_cut, iterations, settled in (
         (max(1, n // 2000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
         (max(1, n // 4000), 2.0 * knot_step, 1.0, 3, 20.0 * _SETTLED),
-        (1, knot_step, 1.0, 5, _SETTLED),
+        (1, knot_step, 1.0, 3 if line is not None else 5, _SETTLED),
     ):
         data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
         state.step = step
@@ -141,18 +147,26 @@ def fit_revolution(
             data.points, data.tukey, state.centre, state.frame, step
         )
         settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled)
+    kept = np.arange(n)
+    if line is not None:
+        for _ in range(_CLEANINGS):
+            keep = undisturbed(data.values / data.deviation, data.first >= 0, line[kept], scale)
+            kept, data = kept[keep], _Data.of(data.points[keep], data.sigma[keep], data.rays[keep])
+            settles, scale = data.iterate(state, 1.0, scale_floor, 3, _SETTLED)
     if not settles:
         _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
+    weights, residuals = np.zeros(n), np.full(n, np.nan)
+    weights[kept], residuals[kept] = data.tukey, np.where(data.first >= 0, data.values, np.nan)
     return RevolutionFit(
         normal=state.frame[2],
         centre=state.centre,
         knots_start=state.start,
         knots_step=state.step,
         profile=state.profile,
-        weights=data.tukey,
-        residuals=np.where(data.first >= 0, data.values, np.nan),
+        weights=weights,
+        residuals=residuals,
         scale=scale,
-        covariance=_tilt_covariance(state, data, cluster),
+        covariance=_tilt_covariance(state, data, cluster[kept]),
         tilt_axes=state.frame[:2],
     )
 
@@ -190,7 +204,7 @@ class _Data:
     sigma: Array
     rays: Array
     values: Array
-    gain: Array
+    deviation: Array
     first: Index
     jacobian: Array
     tukey: Array
@@ -218,7 +232,7 @@ class _Data:
         outcome, scale = iterate(
             self.points, self.sigma, self.rays, state.centre, state.frame, state.start, state.step,
             state.profile, _TUKEY, first_cut, floor, iterations, settled,
-            self.values, self.gain, self.jacobian, self.first, self.tukey, self.weight,
+            self.values, self.deviation, self.jacobian, self.first, self.tukey, self.weight,
         )  # fmt: skip
         if outcome == TOO_FEW:
             raise DegenerateInputError(

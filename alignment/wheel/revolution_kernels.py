@@ -14,6 +14,7 @@ Index = NDArray[np.int64]
 
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 FEWEST = 50  # points within the profile for a fit
+ACROSS = 0.05  # mm; where the surface bends and shines, light and shape shift a point's place on the slope
 _SIXTH = 1.0 / 6.0
 _MEDIAN_POINTS = 2000  # make a start profile
 
@@ -68,6 +69,7 @@ def heights(points: Array, centre: Array, frame: Array, start: float, step: floa
 @njit(cache=True, nogil=True, error_model="numpy")
 def rows(
     points: Array,
+    sigma: Array,
     rays: Array,
     centre: Array,
     frame: Array,
@@ -75,11 +77,14 @@ def rows(
     step: float,
     profile: Array,
     values: Array,
-    gain: Array,
+    deviation: Array,
     jacobian: Array,
     first: Index,
 ) -> None:
-    """Residual, change along the ray, derivatives (4 axis, 4 spline), first spline index of each point."""
+    """Residual, its deviation, derivatives (4 axis, 4 spline), first spline index of each point.
+
+    A point errs along its ray, by `sigma`, and a little across the slope.
+    """
     per_step = 1.0 / step
     for i in range(points.shape[0]):
         qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
@@ -102,7 +107,8 @@ def rows(
         ry = frame[1, 0] * rays[i, 0] + frame[1, 1] * rays[i, 1] + frame[1, 2] * rays[i, 2]
         rh = frame[2, 0] * rays[i, 0] + frame[2, 1] * rays[i, 1] + frame[2, 2] * rays[i, 2]
         outward = df / rho
-        gain[i] = abs(rh - outward * (x * rx + y * ry))
+        along = sigma[i] * max(abs(rh - outward * (x * rx + y * ry)), 0.1)
+        deviation[i] = np.sqrt(along * along + (ACROSS * df) ** 2)
         tilt = 1.0 + outward * h
         row = jacobian[i]
         row[0] = x * tilt
@@ -221,14 +227,7 @@ def local_medians(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def weigh(
-    values: Array,
-    sigma: Array,
-    gain: Array,
-    first: Index,
-    cut: float,
-    floor: float,
-    tukey: Array,
-    weight: Array,
+    values: Array, deviation: Array, first: Index, cut: float, floor: float, tukey: Array, weight: Array
 ) -> float:
     """Tukey's weights and the weights of the normal equations; returns the scale, −1 for too few points."""
     n = values.size
@@ -236,19 +235,17 @@ def weigh(
     inside = 0
     for i in range(n):
         if first[i] >= 0:
-            weight[i] = sigma[i] * max(gain[i], 0.1)
-            ratio[inside] = abs(values[i]) / weight[i]
+            ratio[inside] = abs(values[i]) / deviation[i]
             inside += 1
     if inside < FEWEST:
         return -1.0
     thin = max(1, inside // 4000)
     scale = max(1.4826 * np.median(ratio[:inside:thin]), floor)
     for i in range(n):
-        tukey[i] = 0.0
-        deviation, weight[i] = weight[i], 0.0
+        tukey[i] = weight[i] = 0.0
         if first[i] >= 0:
-            u = values[i] / (deviation * cut * scale)
+            u = values[i] / (deviation[i] * cut * scale)
             if abs(u) < 1.0:
                 tukey[i] = (1.0 - u * u) ** 2
-                weight[i] = tukey[i] / (scale * deviation) ** 2
+                weight[i] = tukey[i] / (scale * deviation[i]) ** 2
     return scale

@@ -177,7 +177,7 @@ def iterate(
     iterations: int,
     settled: float,
     values: Array,
-    gain: Array,
+    deviation: Array,
     jacobian: Array,
     first: Index,
     tukey: Array,
@@ -205,9 +205,9 @@ def iterate(
     before = np.inf
     scale = 0.0
     for iteration in range(max(iterations, 1)):
-        rows(points, rays, centre, frame, start, step, profile, values, gain, jacobian, first)
+        rows(points, sigma, rays, centre, frame, start, step, profile, values, deviation, jacobian, first)
         wide = first_cut if iteration < min(_LOOSE, iterations) else 1.0
-        scale = weigh(values, sigma, gain, first, cut * wide, floor, tukey, weight)
+        scale = weigh(values, deviation, first, cut * wide, floor, tukey, weight)
         if scale < 0.0:
             return TOO_FEW, scale
         if iterations == 0:
