@@ -71,23 +71,24 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
 def since_check_section(reader: ResultReader, where: Filter) -> Section:
     """Vehicles measured since the last good master check of each station and wheel."""
     rows: list[Row] = []
+    said: list[str] = []
     found = since_last_good_check(reader, where)
     for group in found:
+        last = "never" if group.last_good_utc is None else shown_time(group.last_good_utc)
+        said.append(
+            f"{group.station} {', '.join(group.wheels)}: last good check {last}, vehicles since "
+            f"{len(group.vehicles)}"
+        )
         for vehicle in group.vehicles:
             rows.append(
                 {
                     "station": group.station, "wheels": ", ".join(group.wheels),
-                    "last_good_check": shown_time(group.last_good_utc), "vin": vehicle.vin,
+                    "last_good_check": last, "vin": vehicle.vin,
                     "type": vehicle.vehicle_type, "received": shown_time(vehicle.received_utc),
                     "result": str(vehicle.outcome), "cycle": str(vehicle.cycle),
                 }
             )  # fmt: skip
     never = sum(group.last_good_utc is None for group in found)
-    said = [
-        f"{group.station} {', '.join(group.wheels)}: last good check {shown_time(group.last_good_utc)}, "
-        f"{len(group.vehicles)} vehicles since"
-        for group in found
-    ]
     return Section(
         "since_check",
         "Vehicles since the last good master check",

@@ -81,7 +81,20 @@ def capability_section(
         "indices are for 95 % confidence. A small normality p (Anderson-Darling, newest "
         f"{NEWEST} values) says that the expected share outside is not to be relied on.",
         pictures,
-        brief=("characteristic", "n", "mean_deg", "sigma_deg", "cp", "cpk", "pp", "ppk", "missed_high"),
+        brief=(
+            "characteristic",
+            "n",
+            "mean_deg",
+            "sigma_deg",
+            "cp",
+            "cpk",
+            "cpk_low",
+            "pp",
+            "ppk",
+            "ppk_low",
+            "missed_low",
+            "missed_high",
+        ),
     )
 
 

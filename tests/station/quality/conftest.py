@@ -45,6 +45,12 @@ def _calibration(station: int, rig: str, number: int) -> CalibrationRecord:
 def month(tmp_path_factory: pytest.TempPathFactory) -> str:
     """URL of the database; tests only read it."""
     url = f"sqlite:///{tmp_path_factory.mktemp('month') / 'results.db'}"
+    write_month(url)
+    return url
+
+
+def write_month(url: str) -> None:
+    """The same month into any empty database."""
     migrate(url)
     rng = np.random.default_rng(17)
     rigs = ("front_left", "front_right")
@@ -103,7 +109,6 @@ def month(tmp_path_factory: pytest.TempPathFactory) -> str:
                         wheels=tuple(wheels), axles=(), vehicle_angles=None,
                     )
                 )  # fmt: skip
-    return url
 
 
 @pytest.fixture
