@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
 from alignment.measure import measure_wheel
+from db.background import BackgroundWork
 from db.store import ResultStore
 from sensors.drivers.recorded import recorded_rig
 from sensors.formats import read_calibration_file, write_calibration
@@ -28,7 +29,8 @@ from station.line.interface import StationLine
 from station.line.messages import Mode
 from station.line.options import LineOptions
 from station.ports import Bounds, Identity, Observer
-from station.wheels import CalibrationInForce, WheelPosition
+from station.storing import describe_station, open_store
+from station.wheels import CalibrationInForce, WheelPosition, utc_now
 
 T = TypeVar("T")
 _UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
@@ -41,6 +43,7 @@ class OpenStation:
     cycle: MeasuringCycle
     positions: tuple[WheelPosition, ...]
     store: ResultStore
+    background: BackgroundWork
     line: StationLine
     line_database: LineDatabase
     bus: LineBus
@@ -74,7 +77,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
             if position is not None:
                 stack.callback(position.rig.close)
                 attempt(position.rig.connect)
-        store = attempt(lambda: stack.enter_context(_store(configuration)))
+        store = attempt(lambda: stack.enter_context(open_store(configuration)))
         bus = attempt(lambda: stack.enter_context(open_bus(bus_settings(configuration))))
         if failures:
             raise _together(failures)
@@ -88,7 +91,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
             whole,
             configuration.vehicle_types,
             line,
-            store,
+            store.results,
             Bounds(
                 measure_s=settings.cycle.measure_timeout_s,
                 # The store bounds each statement; a commit is a few of them.
@@ -101,7 +104,8 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         )
         stack.callback(cycle.close)
         cycle.start()
-        yield OpenStation(cycle, whole, store, line, database, bus)
+        describe_station(store.results, configuration, whole, utc_now())
+        yield OpenStation(cycle, whole, store.results, store.background, line, database, bus)
 
 
 def bus_settings(configuration: Configuration) -> BusSettings:
@@ -128,11 +132,6 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
     if len(failures) == 1:
         return failures[0]
     return SeveralErrors(f"the station cannot start, {len(failures)} parts failed", failures)
-
-
-def _store(configuration: Configuration) -> ResultStore:
-    database = configuration.settings.database
-    return ResultStore(configuration.database_url, create=database.create, timeout_s=database.timeout_s)
 
 
 def _position(configuration: Configuration, index: int) -> WheelPosition:

@@ -46,6 +46,16 @@ class DatabaseSettings(StrictModel):
         default=False, description="Make the database when it is missing, which a production server forbids"
     )
     timeout_s: Seconds = Field(default=5.0, description="Longest wait for one commit, seconds")
+    central_url: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=1000,
+        description="Central database, to which results are shipped in the background from this station's own"
+        " SQLite file; none without",
+    )
+    minimum_free_mb: float = Field(
+        default=500.0, ge=0, le=1e7, description="Less room on the disk than this is reported, megabytes"
+    )
 
 
 class LineSettings(StrictModel):

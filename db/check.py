@@ -1,0 +1,179 @@
+"""Looks through a whole database for what should be impossible."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+
+from sqlalchemy import Connection, Table, func, select
+
+from db.engine import describe, make_engine, parse_url
+from db.failures import store_errors
+from db.migrate import check_revision, head_revision, require_file
+from db.rows import load_records
+from db.schema import arrivals, calibrations, cycles, outbox, shipments, sums_state, wheel_results
+from db.sums import check_sums
+
+_PORTION = 5000
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What a check found.
+
+    Attributes
+    ----------
+    findings
+        Sentences; empty when all is well.
+    cycles, wheels
+        How many there are.
+    behind
+        Cycles that are not in the sums yet; that slows answers and changes none.
+    pending
+        Records that wait to be shipped; None in a database without outbox.
+    """
+
+    revision: str
+    cycles: int
+    wheels: int
+    behind: int
+    pending: int | None
+    findings: tuple[str, ...]
+
+
+def check_database(url: str, days: float | None = 7.0) -> CheckReport:
+    """Check file, references, outbox, arrivals and sums; changes nothing.
+
+    Parameters
+    ----------
+    days
+        Sums are compared with the results of so many days before the newest; all of them when None.
+
+    Raises
+    ------
+    StoreError
+        When the database cannot be read or has another revision; a damaged file is a finding.
+    """
+    parsed = parse_url(url)
+    require_file(parsed)
+    engine = make_engine(parsed, timeout_s=3600.0, read_only=True)
+    try:
+        with store_errors(describe(parsed)), engine.connect() as connection, connection.begin():
+            check_revision(connection, describe(parsed))
+            local = connection.dialect.name == "sqlite"
+            findings = [*_file(connection)] if local else []
+            findings += [*_references(connection), *_sums(connection, days)]
+            findings += [*_outbox(connection)] if local else [*_arrivals(connection)]
+            last = connection.execute(select(sums_state.c.last_cycle_id)).scalar_one()
+            newest = func.coalesce(func.max(outbox.c.sequence), 0)
+            shipped = connection.execute(select(shipments.c.shipped_sequence)).scalar_one()
+            pending = connection.execute(select(newest)).scalar_one() - shipped if local else None
+            return CheckReport(
+                head_revision(),
+                _count(connection, cycles),
+                _count(connection, wheel_results),
+                connection.execute(
+                    select(func.count()).select_from(cycles).where(cycles.c.id > last)
+                ).scalar_one(),
+                pending,
+                tuple(findings),
+            )
+    finally:
+        engine.dispose()
+
+
+def _count(connection: Connection, table: Table) -> int:
+    found: int = connection.execute(select(func.count()).select_from(table)).scalar_one()
+    return found
+
+
+def _file(connection: Connection) -> Iterator[str]:
+    for row in connection.exec_driver_sql("PRAGMA integrity_check(5)"):
+        if row[0] != "ok":
+            yield f"the file is damaged: {row[0]}"
+    for row in connection.exec_driver_sql("PRAGMA foreign_key_check").fetchmany(5):
+        yield f"table {row[0]}, row {row[1]} refers to a row of {row[2]} that is not there"
+
+
+def _references(connection: Connection) -> Iterator[str]:
+    """What foreign keys promise, looked at anyway: a server may have been loaded without them."""
+    for column, target in (
+        (wheel_results.c.cycle_id, cycles.c.id),
+        (wheel_results.c.calibration_id, calibrations.c.id),
+    ):
+        query = (
+            select(func.count())
+            .select_from(column.table.outerjoin(target.table, column == target))
+            .where(column.is_not(None), target.is_(None))
+        )
+        missing = connection.execute(query).scalar_one()
+        if missing:
+            yield f"{missing} rows of {column.table.name} name a row of {target.table.name} that is not there"
+
+
+def _outbox(connection: Connection) -> Iterator[str]:
+    """Every number once, and behind every entry a record; every cycle behind an entry."""
+    number, last = connection.execute(select(func.count(), func.max(outbox.c.sequence))).one()
+    if number and number != last:
+        yield f"the outbox holds {number} entries and counts up to {last}: some are missing"
+    shipped = connection.execute(select(shipments.c.shipped_sequence)).scalar_one()
+    if shipped > (last or 0):
+        yield f"{shipped} records are called shipped, the outbox has {last or 0}: the file is an older copy"
+    kinds = connection.execute(select(outbox.c.kind).distinct()).scalars().all()
+    for kind in kinds:
+        if kind == "cycle":
+            entries = select(func.count()).select_from(outbox).where(outbox.c.kind == kind)
+            listed, stored = connection.execute(entries).scalar_one(), _count(connection, cycles)
+            if listed != stored:
+                yield f"{stored} cycles are stored, {listed} are in the outbox"
+            continue
+        keys = connection.execute(select(outbox.c.key).where(outbox.c.kind == kind)).scalars().all()
+        for start in range(0, len(keys), _PORTION):
+            portion = keys[start : start + _PORTION]
+            lost = set(portion) - set(load_records(connection, kind, portion))
+            if lost:
+                yield f"the outbox names the {kind} {min(lost)}, which is not stored ({len(lost)} such)"
+
+
+def _arrivals(connection: Connection) -> Iterator[str]:
+    query = select(
+        arrivals.c.origin,
+        func.max(arrivals.c.station).label("station"),
+        func.count().label("number"),
+        func.max(arrivals.c.sequence).label("last"),
+    ).group_by(arrivals.c.origin)
+    for origin, station, number, last in connection.execute(query):
+        if number != last:
+            yield (
+                f"of station '{station}' (origin {origin}) {number} records arrived, and they count up to"
+                f" {last}: some are missing"
+            )
+    spans = (
+        select(
+            arrivals.c.station,
+            arrivals.c.origin,
+            func.min(arrivals.c.arrived_utc).label("first"),
+            func.max(arrivals.c.arrived_utc).label("last"),
+        )
+        .group_by(arrivals.c.station, arrivals.c.origin)
+        .order_by(arrivals.c.station, func.min(arrivals.c.arrived_utc))
+    )
+    before = None
+    for span in connection.execute(spans):
+        if before is not None and before.station == span.station and span.first < before.last:
+            yield (
+                f"two databases shipped as station '{span.station}' at the same time, from"
+                f" {max(before.first, span.first):%Y-%m-%d %H:%M}: two stations have the same id"
+            )
+        before = span
+
+
+def _sums(connection: Connection, days: float | None) -> Iterator[str]:
+    newest = connection.execute(select(func.max(cycles.c.received_utc))).scalar_one_or_none()
+    if newest is None:
+        return
+    first = None if days is None else int((newest - timedelta(days=days)).timestamp()) // 3600
+    found = check_sums(connection, first)
+    for difference in found.differences:
+        yield f"sums disagree with the results: {difference}. Run `truewheel db sums --rebuild`"

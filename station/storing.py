@@ -1,0 +1,106 @@
+"""The station's store: its own database, the work beside it, and what the station says of itself there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+
+from db.background import BackgroundWork, StoreHealth
+from db.lock import station_lock
+from db.quality_records import InstallationRecord, StationRecord, VehicleTypeRecord
+from db.shipping import Shipper
+from db.store import ResultStore
+from station.config import Configuration
+from station.vehicle_types import Tolerance, VehicleType
+from station.wheels import WheelPosition
+
+
+@dataclass(frozen=True, eq=False)
+class StationStore:
+    """An open store, with the work beside it."""
+
+    results: ResultStore
+    background: BackgroundWork
+
+    @property
+    def health(self) -> StoreHealth:
+        """How the store is, as screens and the maintainer want to know it."""
+        return self.background.health
+
+
+@contextmanager
+def open_store(configuration: Configuration) -> Iterator[StationStore]:
+    """Open the station's database, and ship from it when a central one is configured.
+
+    Raises
+    ------
+    StoreError
+        When the database cannot be used, or another program is this station on it already. A central database
+        that is away is no reason: it shows in the health.
+    """
+    database, station = configuration.settings.database, configuration.settings.station.id
+    url = configuration.database_url
+    with ExitStack() as stack:
+        results = stack.enter_context(ResultStore(url, create=database.create, timeout_s=database.timeout_s))
+        stack.enter_context(station_lock(url, station, database.timeout_s))
+        shipper = None
+        if database.central_url is not None:
+            shipper = Shipper(url, database.central_url, station, timeout_s=database.timeout_s)
+        background = BackgroundWork(
+            results, url, station, shipper, minimum_free_bytes=int(1e6 * database.minimum_free_mb)
+        )
+        stack.enter_context(background)
+        yield StationStore(results, background)
+
+
+def describe_station(
+    store: ResultStore, configuration: Configuration, positions: Sequence[WheelPosition], now: datetime
+) -> None:
+    """Record what this station is, judges by and measures with, as far as it is new; after calibrations."""
+    settings = configuration.settings
+    name = settings.station.id
+    store.describe_station(
+        StationRecord(
+            station=name,
+            plant=settings.station.plant,
+            label=settings.station.name,
+            valid_from_utc=now,
+            software_version=version("truewheel"),
+            config_hash=configuration.hash,
+            # As the hash, without the database: it decides no result, and may hold a password.
+            configuration=settings.model_dump(mode="json", exclude={"database"}),
+            rigs=tuple(position.name for position in positions),
+        ),
+        [
+            VehicleTypeRecord(name, kind.name, now, kind.guard_band, limits_of(kind))
+            for kind in configuration.vehicle_types.values()
+        ],
+        [
+            InstallationRecord(name, position.name, position.in_force.record().id, now)
+            for position in positions
+        ],
+    )
+
+
+def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:
+    """The limits of a vehicle type in radians, as `VehicleTypeRecord` holds them."""
+
+    def pair(tolerance: Tolerance) -> list[float]:
+        limits = tolerance.limits()
+        return [limits.low, limits.high]
+
+    found: dict[str, dict[str, list[float]]] = {}
+    for axle, tolerances in kind.axles.items():
+        given = {
+            "camber": tolerances.camber,
+            "toe": tolerances.toe,
+            "total_toe": tolerances.total_toe,
+            "camber_difference": tolerances.camber_difference,
+        }
+        found[axle] = {angle: pair(tolerance) for angle, tolerance in given.items() if tolerance is not None}
+    if kind.thrust_angle is not None:
+        found["vehicle"] = {"thrust_angle": pair(kind.thrust_angle)}
+    return found

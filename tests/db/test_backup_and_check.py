@@ -1,0 +1,161 @@
+"""Copies are whole and restore to the same; a check finds what should be impossible."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psycopg
+import pytest
+from typer.testing import CliRunner
+
+from alignment.errors import FormatError, StoreError
+from db.backup import backup, restore
+from db.check import check_database
+from db.engine import make_engine, parse_url
+from db.migrate import migrate
+from db.shipping import Shipper
+from db.store import ResultStore
+from db.sums import bring_up_to_date
+from station.cli import app
+from tests.db.example_plant import plant
+from tests.db.example_records import CALIBRATION, cycle
+
+
+@pytest.fixture
+def filled(database_url: str) -> str:
+    with ResultStore(database_url, create=True) as store:
+        store.record_calibration(CALIBRATION)
+        for record in plant(30):
+            store.write_cycle(record)
+    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    assert bring_up_to_date(engine) == 30
+    engine.dispose()
+    return database_url
+
+
+@pytest.fixture
+def elsewhere(filled: str, tmp_path: Path) -> Iterator[str]:
+    if filled.startswith("sqlite"):
+        yield f"sqlite:///{tmp_path / 'restored.db'}"
+        return
+    name = filled.rsplit("/", 1)[1] + "_again"
+    with psycopg.connect(filled, autocommit=True) as connection:
+        connection.execute(f"CREATE DATABASE {name}".encode())
+    yield filled + "_again"
+    with psycopg.connect(filled, autocommit=True) as connection:
+        connection.execute(f"DROP DATABASE {name} WITH (FORCE)".encode())
+
+
+def test_a_copy_restores_to_the_same_results(filled: str, elsewhere: str, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    backup(filled, copy)
+    assert not list(tmp_path.glob("*.part*"))
+    restore(copy, elsewhere)
+    with ResultStore(filled) as before, ResultStore(elsewhere) as after:
+        assert after.counts() == before.counts()
+        assert after.recent_cycles(100) == before.recent_cycles(100)
+        # Still append-only, still writable.
+        after.write_cycle(cycle())
+    assert check_database(elsewhere).findings == ()
+    with pytest.raises(StoreError, match="stays as it is"):
+        restore(copy, elsewhere)
+    with pytest.raises(FormatError, match="Name another; it is left alone"):
+        backup(filled, copy)
+
+
+def test_a_copy_of_another_kind_of_database_is_refused(filled: str, tmp_path: Path) -> None:
+    other = (
+        "postgresql://nobody@127.0.0.1:9/x"
+        if filled.startswith("sqlite")
+        else f"sqlite:///{tmp_path / 'x.db'}"
+    )
+    copy = tmp_path / "copy"
+    backup(filled, copy)
+    with pytest.raises(FormatError, match="the kind of database it was made of"):
+        restore(copy, other)
+
+
+def test_a_healthy_database_has_no_findings(filled: str) -> None:
+    report = check_database(filled, days=None)
+    assert report.findings == ()
+    assert (report.cycles, report.behind) == (30, 0)
+    assert report.pending == (31 if filled.startswith("sqlite") else None)
+
+
+def test_sums_that_disagree_are_found_and_built_again(filled: str) -> None:
+    engine = make_engine(parse_url(filled), timeout_s=5.0)
+    with engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE value_sums SET mean = mean + 1e-6 WHERE hours = 1")
+    engine.dispose()
+    assert "Run `truewheel db sums --rebuild`" in check_database(filled).findings[0]
+    found = CliRunner().invoke(app, ["db", "check", "--database", filled, "--json"])
+    assert found.exit_code == 1
+    assert json.loads(found.stdout)["figures"]["findings"] == 10
+    found = CliRunner().invoke(app, ["db", "sums", "--rebuild", "--database", filled, "--json"])
+    assert json.loads(found.stdout)["figures"] == {"cycles_added": 30}
+    assert check_database(filled, days=None).findings == ()
+
+
+def test_a_cycle_that_vanished_from_a_file_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "results.db"
+    with ResultStore(f"sqlite:///{path}", create=True) as store:
+        store.record_calibration(CALIBRATION)
+        for _ in range(3):
+            store.write_cycle(cycle())
+    with sqlite3.connect(path) as connection:
+        connection.execute("DROP TRIGGER cycles_no_delete")
+        connection.execute("DELETE FROM cycles WHERE id = 2")
+    connection.close()
+    findings = " ".join(check_database(f"sqlite:///{path}").findings)
+    assert "2 cycles are stored, 3 are in the outbox" in findings
+    assert "wheel_results name a row of cycles that is not there" in findings
+
+
+def test_a_record_that_vanished_on_the_way_is_found(postgres_url: str, tmp_path: Path) -> None:
+    migrate(postgres_url)
+    local = f"sqlite:///{tmp_path / 'station.db'}"
+    with ResultStore(local, create=True) as store, Shipper(local, postgres_url, "EOL-1") as shipper:
+        store.record_calibration(CALIBRATION)
+        store.write_cycle(cycle())
+        store.write_cycle(cycle())
+        shipper.ship()
+    assert check_database(postgres_url).findings == ()
+    with psycopg.connect(postgres_url) as connection:
+        connection.execute("ALTER TABLE arrivals DISABLE TRIGGER USER")
+        connection.execute("DELETE FROM arrivals WHERE sequence = 2")
+    assert "2 records arrived, and they count up to 3" in check_database(postgres_url).findings[0]
+
+
+def test_two_databases_that_shipped_as_one_station_at_once_are_found(
+    postgres_url: str, tmp_path: Path
+) -> None:
+    migrate(postgres_url)
+    for turn in range(2):
+        for name in ("a", "b"):
+            local = f"sqlite:///{tmp_path / name}.db"
+            with (
+                ResultStore(local, create=turn == 0) as store,
+                Shipper(local, postgres_url, "EOL-1") as shipper,
+            ):
+                store.record_calibration(CALIBRATION)
+                store.write_cycle(cycle())
+                shipper.ship()
+    assert "two stations have the same id" in check_database(postgres_url).findings[0]
+
+
+def test_the_commands_say_what_they_did(tmp_path: Path, open_store: Callable[..., ResultStore]) -> None:
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    open_store(url).record_calibration(CALIBRATION)
+    runner = CliRunner()
+    done = runner.invoke(
+        app, ["db", "backup", "--database", url, "--out", str(tmp_path / "copy.db"), "--json"]
+    )
+    assert json.loads(done.stdout)["figures"]["bytes"] > 0
+    done = runner.invoke(app, ["db", "restore", str(tmp_path / "copy.db"), "--database", f"{url}2", "--json"])
+    assert json.loads(done.stdout) == {"revision": migrate(url)}
+    done = runner.invoke(app, ["db", "check", "--database", f"{url}2"])
+    assert done.exit_code == 0
+    assert "nothing is wrong" in done.stdout
