@@ -111,6 +111,7 @@ class StationLine:
         self._link_up = False
         self._heartbeat = self._alive_counter = self._faults = 0
         self._prepared_s = 0.0
+        self._detailed: tuple[LineErrorCode, int, str | None, int] | None = None
         self._due: dict[str, float] = {}
         version = database.interface_version
         self._info = StationInfo(version, options.software, secrets.randbelow(256))
@@ -196,7 +197,8 @@ class StationLine:
                 elif status.state is StationState.IDLE:
                     self._happened(Event.CYCLE_READY)
             self._send_status()
-            self._send_detail()
+            if self._detailed != self._detail():
+                self._send_detail()
 
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         """Show angles of a wheel that is adjusted, of images taken at this time of the monotonic clock."""
@@ -384,13 +386,13 @@ class StationLine:
         )
         self._send(answer_frame(self._database, answer))
 
-    def _send_detail(self) -> None:
+    def _detail(self) -> tuple[LineErrorCode, int, str | None, int]:
         status = self._line_status()
-        self._send(
-            detail_frame(
-                self._database, status.error_code, status.error_sequence, self._status.wheel, self._faults
-            )
-        )
+        return status.error_code, status.error_sequence, self._status.wheel, self._faults
+
+    def _send_detail(self) -> None:
+        self._detailed = self._detail()
+        self._send(detail_frame(self._database, *self._detailed))
 
     def _send_slow(self, name: str, send: Callable[[], object]) -> None:
         now = self._clock()
@@ -420,6 +422,9 @@ class StationLine:
         if not self._link_up:
             self._link_up = True
             _LOG.info("controller is heard")
+            # With the next cyclic ones its counters of all messages are in step.
+            self._due.pop("VehicleResult", None)
+            self._sent(self._results or self._blank)
         self._heartbeat = int(values["Heartbeat"])
         sequence = int(values["Sequence"])
         try:

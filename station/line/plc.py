@@ -28,10 +28,13 @@ from station.line.messages import (
     Answer,
     CommandAnswer,
     CommandCode,
+    HandshakeState,
     LineErrorCode,
     LineStatus,
     LiveAngles,
     Mode,
+    VehicleReport,
+    WheelAnswer,
 )
 from station.line.orders import (
     DEFAULT_TIMEOUTS,
@@ -48,6 +51,7 @@ from station.line.supervised import SupervisedThread
 from station.line.vin import checked_vin
 
 COMMAND_PERIOD_S = 0.1
+KeepResult = Callable[[int, VehicleReport, tuple[WheelAnswer, ...]], None]
 # Goes out between vehicles, so that the counters of the VIN's frames stay in step.
 _NO_VIN = "\0" * VIN_LENGTH
 # Refusals that pass while the command stands.
@@ -81,6 +85,8 @@ class PlcSimulator:
         Bounds of all waits.
     sequence
         The number before the first one it will use.
+    keep
+        Called with every result before it is acknowledged: what it keeps survives the controller's end.
 
     As a context it sends its Command cyclically in a supervised thread; without it call `tick`.
     """
@@ -92,7 +98,9 @@ class PlcSimulator:
         clock: Callable[[], float] = time.monotonic,
         timeouts: PlcTimeouts = DEFAULT_TIMEOUTS,
         sequence: int = 0,
+        keep: KeepResult = lambda sequence, vehicle, wheels: None,
     ) -> None:
+        self._keep = keep
         self._bus = bus
         self._database = database
         self._clock = clock
@@ -106,6 +114,7 @@ class PlcSimulator:
         self._vin_due_s = clock()
         self._silent = False
         self._status: LineStatus | None = None
+        self._last_status: LineStatus | None = None
         self._answer: CommandAnswer | None = None
         self._received: list[ReceivedMessage] = []
         self._recording = False
@@ -157,6 +166,7 @@ class PlcSimulator:
         if heard is not None and self._clock() - heard > self._timeouts.silence_s:
             with self._changed:
                 self._silent = True
+                self._last_status, self._status, self._answer = self._status, None, None
                 self._standing = _Standing()
                 self._results.clear()
                 self._live.clear()
@@ -175,7 +185,11 @@ class PlcSimulator:
         heard, _ = self._wait(
             "a station that hears the controller",
             self._timeouts.connect_s,
-            lambda status: self._answer is not None and self._answer.link_up,
+            lambda status: (
+                self._answer is not None
+                and self._answer.link_up
+                and status.handshake is not HandshakeState.STARTING
+            ),
             patient=True,
         )
         return heard
@@ -193,11 +207,11 @@ class PlcSimulator:
             As `run`.
         """
         status = self.connect()
+        self._sequence = status.sequence
         taken = None
-        if status.done:
+        if status.busy or status.done:
             self._record()
-            taken = self._take_over(None, status.sequence, self._clock())
-            self._sequence = status.sequence
+            taken = self.finish(None, status.sequence, self._clock())
         status = self.status or status
         if not status.ready and not status.busy:
             self.reset()
@@ -333,8 +347,13 @@ class PlcSimulator:
                 f"the station refused {standing.code} at sequence {standing.sequence}: {found.error_code}"
             )
 
+    @property
+    def next_sequence(self) -> int:
+        """The number that the next command of its own will have: 1 to 255, and again."""
+        return self._sequence % 255 + 1
+
     def _next_sequence(self) -> int:
-        self._sequence = self._sequence % 255 + 1
+        self._sequence = self.next_sequence
         return self._sequence
 
     def _wheels(self, order: PlcOrder) -> tuple[str, ...]:
@@ -428,7 +447,7 @@ class PlcSimulator:
                     problem = "the station is silent" if self._silent else "time is over"
                     raise LineTimeoutError(
                         f"expected {what} within {timeout_s:g} s, but {problem}; "
-                        f"last status: {self._status or 'none'}"
+                        f"last status: {self._status or self._last_status or 'none'}"
                     )
                 self._changed.wait(remaining)
             return self._status, self._clock()
@@ -469,6 +488,8 @@ class PlcSimulator:
         with self._changed:
             results = dict(self._results)
         vehicle, wheels, axles = read_results(self._database, results, sequence)
+        # What was taken over is safe before the station may forget it.
+        self._keep(sequence, vehicle, wheels)
         self.acknowledge(sequence)
         _, acknowledged_s = self._wait(
             f"the end of ResultValid after acknowledge {sequence}",

@@ -1,0 +1,1 @@
+"""A station with prepared shots, and controllers for it: the line tried out without cameras."""
