@@ -205,25 +205,45 @@ def stability_command(
 
 @gauge_app.command("budget")
 def budget_command(
-    from_file: Annotated[
-        Path,
-        typer.Option("--from-file", help="CSV with contribution, u and source.", show_default=False),
-    ],
     tolerance: Annotated[
         float, typer.Option(help="Width of the tolerance, in the unit of u.", show_default=False)
     ],
+    from_file: Annotated[
+        Path | None,
+        typer.Option("--from-file", help="CSV with contribution, u and source.", show_default=False),
+    ] = None,
+    type1_file: Annotated[
+        Path | None,
+        typer.Option(help="CSV of a type 1 study: gives EVR, and BI with --reference.", show_default=False),
+    ] = None,
+    reference: ReferenceOption = None,
+    grr_file: Annotated[
+        Path | None,
+        typer.Option(help="CSV of a GRR study: gives EVO, AV and IA.", show_default=False),
+    ] = None,
+    resolution: Annotated[
+        float | None, typer.Option(help="Resolution of the gauge: gives RE.", min=0, show_default=False)
+    ] = None,
+    calibration_u: Annotated[
+        float | None,
+        typer.Option(help="Standard uncertainty of the calibration: CAL.", min=0, show_default=False),
+    ] = None,
     coverage_factor: Annotated[float, typer.Option(help="k.", min=1, max=4)] = 2.0,
     unit: UnitOption = "",
     out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Uncertainty budget after VDA 5: Q_MS and Q_MP; exit status 1 above 15 % and 30 %."""
+    """Uncertainty budget after VDA 5: Q_MS and Q_MP; exit status 1 above 15 % and 30 %.
+
+    Contributions from a file, from the files of gauge studies, or both.
+    """
     from station.quality.gauge_analysis import analyse_budget
-    from station.quality.gauge_file import read_budget_file
+    from station.quality.gauge_budget import collect_components
     from station.quality.gauge_source import GaugeSource
 
-    source = GaugeSource(str(from_file), (), unit, {})
-    components = read_budget_file(from_file)
+    given = [str(file) for file in (from_file, type1_file, grr_file) if file is not None]
+    source = GaugeSource(", ".join(given), (), unit, {})
+    components = collect_components(from_file, type1_file, reference, grr_file, resolution, calibration_u)
     with source.named_in_errors():
         report = analyse_budget(components, tolerance, coverage_factor, unit)
     _finish(report, source, out, as_json)

@@ -22,7 +22,7 @@ from station.commands.selection import (
     WheelOption,
     ZoneOption,
 )
-from station.quality.report_choices import ReportKind
+from station.quality.report_choices import ReportKind, SplitBy
 
 if TYPE_CHECKING:
     from station.quality.report import Report
@@ -53,6 +53,9 @@ def report(
     chart: Annotated[ChartKind, typer.Option(help="Kind of control charts.")] = ChartKind.INDIVIDUALS,
     rules: Annotated[RuleSet, typer.Option(help="Which signals of a chart count.")] = RuleSet.THREE_SIGMA,
     size: Annotated[int, typer.Option(help="Values of one subgroup of a chart.", min=2, max=100)] = 5,
+    split: Annotated[
+        SplitBy, typer.Option("--by", help="Capability for each of these by itself.")
+    ] = SplitBy.NOTHING,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -72,7 +75,7 @@ def report(
         from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
     )
     angles = tuple(Characteristic.parse(text) for text in characteristic or ())
-    options = ReportOptions(angles, chart, rules, size)
+    options = ReportOptions(angles, chart, rules, size, split)
     with ResultReader(database) as reader:
         found = make_report(reader, kind, where, options, datetime.now(UTC))
     if out is not None:

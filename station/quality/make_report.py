@@ -11,7 +11,7 @@ from alignment.errors import ConfigurationError
 from db.queries import Characteristic, Filter, ResultReader
 from db.statistics.choices import ChartKind, RuleSet
 from station.quality.report import Report, Section, in_words
-from station.quality.report_choices import TITLES, ReportKind
+from station.quality.report_choices import TITLES, ReportKind, SplitBy
 from station.quality.report_compare import compare_sections, drift_section
 from station.quality.report_counts import pareto_section, yield_section
 from station.quality.report_trace import since_check_section, vin_sections
@@ -28,12 +28,15 @@ class ReportOptions:
         Angles; none means all that have values.
     chart, rules, size
         Kind of control charts, which signals count, values per subgroup.
+    split
+        Capability for each station or day by itself.
     """
 
     characteristics: Sequence[Characteristic] = ()
     chart: ChartKind = ChartKind.INDIVIDUALS
     rules: RuleSet = RuleSet.THREE_SIGMA
     size: int = 5
+    split: SplitBy = SplitBy.NOTHING
 
 
 def make_report(
@@ -83,7 +86,7 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
         case ReportKind.PARETO:
             return [pareto_section(reader, where)]
         case ReportKind.CAPABILITY:
-            return [capability_section(reader, where, angles)]
+            return [capability_section(reader, where, angles, options.split)]
         case ReportKind.CHART:
             return chart_sections(reader, where, angles, options.chart, options.rules, options.size)
         case ReportKind.COMPARE:

@@ -20,6 +20,14 @@ class ReportKind(enum.StrEnum):
     SINCE_CHECK = "since-check"
 
 
+class SplitBy(enum.StrEnum):
+    """What capability is shown for, beside characteristic and vehicle type."""
+
+    NOTHING = "nothing"
+    STATION = "station"
+    DAY = "day"
+
+
 TITLES: Mapping[ReportKind, str] = {
     ReportKind.ALL: "Quality report",
     ReportKind.YIELD: "Yield",

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from db.queries import Characteristic, Filter, ResultReader, ValueSeries, moments, value_series
+from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
 from db.statistics.capability import Index, capability, moving_range_sigma, normality_p
 from db.statistics.charts import ControlChart, Track, control_chart
@@ -18,6 +18,7 @@ from db.statistics.moments import Moments
 from db.statistics.rules import rule_texts
 from station.quality.pictures import Picture, Trace
 from station.quality.report import Row, Section, shown_time
+from station.quality.report_choices import SplitBy
 
 Array = NDArray[np.float64]
 
@@ -26,51 +27,57 @@ NEWEST = 20_000
 _PICTURES = 16
 _BINS = 40
 _DEG = 180.0 / math.pi
+_SPLITS: dict[SplitBy, tuple[GroupBy, ...]] = {
+    SplitBy.NOTHING: (), SplitBy.STATION: (GroupBy.STATION,), SplitBy.DAY: (GroupBy.DAY,),
+}  # fmt: skip
+_BRIEF = (
+    "n", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "pp", "ppk", "ppk_low", "missed_low", "missed_high",
+)  # fmt: skip
 
 
 def capability_section(
-    reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]
+    reader: ResultReader,
+    where: Filter,
+    characteristics: Sequence[Characteristic],
+    split: SplitBy = SplitBy.NOTHING,
 ) -> Section:
-    """Indices of every characteristic with limits, and its distribution."""
+    """Indices of every characteristic with limits, by vehicle type, and its distribution."""
+    by = [GroupBy.VEHICLE_TYPE, *_SPLITS[split]]
     judged = [
         found
-        for found in moments(reader, where, characteristics)
+        for found in moments(reader, where, characteristics, by)
         if found.n >= 2 and (found.low is not None or found.high is not None)
     ]
     rows: list[Row] = []
     pictures: list[Picture] = []
     series: dict[Characteristic, ValueSeries] = {}
     for found in judged:
-        overall = in_degrees(found)
-        low, high = _degrees(found.low), _degrees(found.high)
-        if found.characteristic not in series:
-            series[found.characteristic] = value_series(reader, found.characteristic, where, newest=NEWEST)
-        values = _values_with_limits(series[found.characteristic], found)
-        sigma, df = _within(found, values)
-        indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
-        rows.append(
-            {
-                "characteristic": str(found.characteristic), "n": found.n, "mean_deg": overall.mean,
-                "sigma_within_deg": indices.within_sigma, "sigma_deg": overall.deviation,
-                "low_deg": low, "high_deg": high,
-                **_index("cp", indices.cp), **_index("cpk", indices.cpk),
-                **_index("pp", indices.pp), **_index("ppk", indices.ppk),
-                "missed_low": found.n_low, "missed_high": found.n_high,
-                "expected_outside_ppm": indices.expected_outside_ppm,
-                "normality_p": normality_p(values),
-            }
-        )  # fmt: skip
+        values = np.zeros(0)
+        if split is SplitBy.NOTHING:
+            if found.characteristic not in series:
+                series[found.characteristic] = value_series(
+                    reader, found.characteristic, where, newest=NEWEST
+                )
+            values = _values_of(series[found.characteristic], found)
+        rows.append(_capability_row(found, values, split))
         if len(pictures) < _PICTURES and len(values) > 1:
-            pictures.append(_histogram(found, overall, values, low, high))
+            pictures.append(_histogram(found, values))
+    if split is not SplitBy.NOTHING:
+        pictures = _courses(rows)
+    least = {
+        name: min((value for row in rows if (value := _value(row, name)) is not None), default=None)
+        for name in ("cpk", "ppk")
+    }
     figures: dict[str, float | int | None] = {
         "capable_characteristics": sum((_value(row, "cpk") or 0.0) >= 1.33 for row in rows),
         "judged_characteristics": len(rows),
-        "least_cpk": min((v for row in rows if (v := _value(row, "cpk")) is not None), default=None),
-        "least_ppk": min((v for row in rows if (v := _value(row, "ppk")) is not None), default=None),
+        "least_cpk": least["cpk"],
+        "least_ppk": least["ppk"],
     }
     if len(rows) == 1:
         keys = [f"{name}{end}" for name in ("cp", "cpk", "pp", "ppk") for end in ("", "_low", "_high")]
         figures |= {key: _value(rows[0], key) for key in ("n", "mean_deg", "sigma_deg", *keys)}
+    grouped = () if split is SplitBy.NOTHING else ("group",)
     return Section(
         "capability",
         "Distributions and capability",
@@ -81,21 +88,42 @@ def capability_section(
         "indices are for 95 % confidence. A small normality p (Anderson-Darling, newest "
         f"{NEWEST} values) says that the expected share outside is not to be relied on.",
         pictures,
-        brief=(
-            "characteristic",
-            "n",
-            "mean_deg",
-            "sigma_deg",
-            "cp",
-            "cpk",
-            "cpk_low",
-            "pp",
-            "ppk",
-            "ppk_low",
-            "missed_low",
-            "missed_high",
-        ),
+        brief=("characteristic", "type", *grouped, *_BRIEF),
     )
+
+
+def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
+    overall = in_degrees(found)
+    low, high = _degrees(found.low), _degrees(found.high)
+    sigma, df = _within(found, values)
+    indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
+    groups = [_shown(found.group[each]) for each in _SPLITS[split]]
+    grouped = {"group": groups[0]} if groups else {}
+    return {
+        "characteristic": str(found.characteristic), "type": _shown(found.group[GroupBy.VEHICLE_TYPE]),
+        **grouped, "n": found.n, "mean_deg": overall.mean,
+        "sigma_within_deg": indices.within_sigma, "sigma_deg": overall.deviation,
+        "low_deg": low, "high_deg": high,
+        **_index("cp", indices.cp), **_index("cpk", indices.cpk),
+        **_index("pp", indices.pp), **_index("ppk", indices.ppk),
+        "missed_low": found.n_low, "missed_high": found.n_high,
+        "expected_outside_ppm": indices.expected_outside_ppm, "normality_p": normality_p(values),
+    }  # fmt: skip
+
+
+def _courses(rows: Sequence[Row]) -> list[Picture]:
+    """Ppk and its lower confidence limit over the groups, a picture for each characteristic and type."""
+    pictures = []
+    for name, kind in dict.fromkeys((str(row["characteristic"]), str(row["type"])) for row in rows):
+        mine = [row for row in rows if (row["characteristic"], row["type"]) == (name, kind)]
+        known = [row for row in mine if row["ppk"] is not None]
+        x = [str(row["group"]) for row in known]
+        traces = tuple(
+            Trace(key, "line", x, [_value(row, key) or 0.0 for row in known], colour=colour)
+            for key, colour in (("ppk", ""), ("ppk_low", "second"))
+        )
+        pictures.append(Picture(f"{name}, {kind}", "group", "Ppk", traces, {"limit 1.33": 1.33}))
+    return pictures[:_PICTURES]
 
 
 def chart_sections(
@@ -200,18 +228,19 @@ def _within(found: StoredMoments, values: Array) -> tuple[float | None, int | No
     return moving_range_sigma(values) or (None, None)
 
 
-def _values_with_limits(series: ValueSeries, found: StoredMoments) -> Array:
+def _values_of(series: ValueSeries, found: StoredMoments) -> Array:
+    """(N,) values in degrees of the same limits and vehicle type."""
     same = [
         (low, high) == (found.low, found.high)
         for low, high in zip(_known(series.low), _known(series.high), strict=True)
     ]
-    out: Array = series.value[np.array(same, dtype=bool)] * _DEG
+    of_type = series.vehicle_type == found.group[GroupBy.VEHICLE_TYPE]
+    out: Array = series.value[np.array(same, dtype=bool) & of_type] * _DEG
     return out
 
 
-def _histogram(
-    found: StoredMoments, overall: Moments, values: Array, low: float | None, high: float | None
-) -> Picture:
+def _histogram(found: StoredMoments, values: Array) -> Picture:
+    overall, low, high = in_degrees(found), _degrees(found.low), _degrees(found.high)
     counts, edges = np.histogram(values, bins=min(_BINS, max(5, round(math.sqrt(len(values))))))
     middles = (edges[:-1] + edges[1:]) / 2
     traces = [Trace("values", "bar", middles.tolist(), counts.astype(float).tolist())]
@@ -288,6 +317,10 @@ def _index(name: str, index: Index | None) -> dict[str, float | None]:
 def _value(row: Row, name: str) -> float | None:
     value = row[name]
     return None if value is None or isinstance(value, str) else float(value)
+
+
+def _shown(value: str | datetime | None) -> str:
+    return f"{value:%Y-%m-%d}" if isinstance(value, datetime) else str(value or "unknown")
 
 
 def _degrees(angle: float | None) -> float | None:

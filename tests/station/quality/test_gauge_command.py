@@ -128,6 +128,29 @@ def test_wrong_use_ends_with_status_2_and_no_output(
     assert "Traceback" not in err
 
 
+def test_budget_of_gauge_studies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(5)
+    values = 5.002 + rng.normal(0, 0.001, 50)
+    (tmp_path / "t1.csv").write_text("value\n" + "\n".join(f"{value:.6f}" for value in values))
+    lines = [
+        f"{part},{who},{trial},{part + 0.01 * (who == 'B') + rng.normal(0, 0.002):.5f}"
+        for part in range(10) for who in "AB" for trial in (1, 2)
+    ]  # fmt: skip
+    (tmp_path / "grr.csv").write_text("part,appraiser,trial,value\n" + "\n".join(lines))
+    status, found = figures(
+        capsys, "budget", "--tolerance", "0.5", "--type1-file", tmp_path / "t1.csv", "--reference", "5",
+        "--grr-file", tmp_path / "grr.csv", "--resolution", "0.001", "--calibration-u", "0.0005",
+    )  # fmt: skip
+    assert status == 0
+    system = math.sqrt(np.std(values, ddof=1) ** 2 + 0.0005**2 + (values.mean() - 5) ** 2 / 3)
+    assert found["figures"]["u_ms"] == pytest.approx(system, rel=1e-3)
+    # Two appraisers 0.01 apart: 0.01 / √2.
+    assert found["figures"]["u_mp"] == pytest.approx(math.hypot(system, 0.01 / math.sqrt(2)), rel=0.1)
+    status, out, err = gauge(capsys, "budget", "--tolerance", "0.5")
+    assert (status, out) == (2, "")
+    assert "at least one contribution" in err
+
+
 def test_budget_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "b.csv").write_text(
         "contribution,u,source\nCAL,0.001,certificate\nEVR,0.002,type 1\nEVO,0.004,GRR\nT,0.003,10 K\n"

@@ -16,7 +16,7 @@ from db.queries import Characteristic, Filter, ResultReader, value_series
 from db.statistics.choices import ChartKind, RuleSet
 from station.quality.make_report import ReportOptions, make_report
 from station.quality.report import Report
-from station.quality.report_choices import ReportKind
+from station.quality.report_choices import ReportKind, SplitBy
 from tests.station.quality.conftest import HIGH_DEG, PER_STATION, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]
@@ -86,6 +86,17 @@ def test_capability_is_that_of_the_values(asked: Callable[..., Report], month: s
     assert figures["ppk_low"] < figures["ppk"] < figures["ppk_high"]
     # The drift of the month is in Pp and not in Cp.
     assert figures["cp"] > 1.1 * figures["pp"]
+
+
+@pytest.mark.parametrize(("split", "groups"), [(SplitBy.STATION, 2), (SplitBy.DAY, 30)])
+def test_capability_of_groups_covers_every_value_once(
+    asked: Callable[..., Report], month: str, split: SplitBy, groups: int
+) -> None:
+    report = asked(ReportKind.CAPABILITY, characteristics=(TOE,), split=split)
+    rows = report.as_json()["sections"][0]["rows"]
+    assert len({row["group"] for row in rows}) == len(rows) == groups
+    assert sum(row["n"] for row in rows) == len(toe_values(month))
+    assert [picture.traces[0].name for picture in report.sections[0].pictures] == ["ppk"]
 
 
 @pytest.mark.parametrize("kind", ChartKind)
