@@ -18,6 +18,9 @@ from scipy.special import log_ndtr
 from alignment.errors import DegenerateInputError
 from db.statistics.moments import Moments, as_values
 
+LEAST_FOR_QUANTILES = 1000
+"""Values without which a quantile of 0.135 % says nothing."""
+
 
 @dataclass(frozen=True)
 class Index:
@@ -125,6 +128,27 @@ def moving_range_sigma(values: ArrayLike) -> tuple[float, int] | None:
         return None
     steps = np.diff(found)
     return math.sqrt(math.fsum(np.square(steps)) / (2 * len(steps))), max(1, (2 * len(steps)) // 3)
+
+
+def quantile_performance(
+    values: ArrayLike, low: float | None, high: float | None
+) -> tuple[float | None, float] | None:
+    """Pp and Ppk from the quantiles 0.135 %, 50 % and 99.865 %, for a process that is not normal.
+
+    ISO 22514-2, general geometric method. Empirical quantiles, so at least 1000 values; None for fewer,
+    without a limit, or where the quantiles coincide. Pp is None without both limits.
+    """
+    found = as_values(values)
+    if len(found) < LEAST_FOR_QUANTILES or (low is None and high is None):
+        return None
+    bottom, middle, top = (float(q) for q in np.quantile(found, (0.00135, 0.5, 0.99865)))
+    if not (bottom < middle < top):
+        return None
+    pp = None if low is None or high is None else (high - low) / (top - bottom)
+    return pp, min(
+        math.inf if low is None else (middle - low) / (middle - bottom),
+        math.inf if high is None else (high - middle) / (top - middle),
+    )
 
 
 def normality_p(values: ArrayLike) -> float | None:

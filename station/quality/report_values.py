@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
-from db.statistics.capability import Index, capability, moving_range_sigma, normality_p
+from db.statistics.capability import Index, capability, moving_range_sigma, normality_p, quantile_performance
 from db.statistics.charts import ControlChart, Track, control_chart
 from db.statistics.choices import ChartKind, RuleSet
 from db.statistics.moments import Moments
@@ -86,7 +86,8 @@ def capability_section(
         "Cp and Cpk: spread within the hours of one station, or of successive values where no two came in "
         "one hour. Pp and Ppk: spread of all values. Limits of the "
         "indices are for 95 % confidence. A small normality p (Anderson-Darling, newest "
-        f"{NEWEST} values) says that the expected share outside is not to be relied on.",
+        f"{NEWEST} values) says that the expected share outside is not to be relied on; "
+        "from 1000 values on pp_quantile and ppk_quantile (ISO 22514-2) do without a normal distribution.",
         pictures,
         brief=("characteristic", "type", *grouped, *_BRIEF),
     )
@@ -97,6 +98,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
     low, high = _degrees(found.low), _degrees(found.high)
     sigma, df = _within(found, values)
     indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
+    by_quantile = quantile_performance(values, low, high) or (None, None)
     groups = [_shown(found.group[each]) for each in _SPLITS[split]]
     grouped = {"group": groups[0]} if groups else {}
     return {
@@ -108,6 +110,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
         **_index("pp", indices.pp), **_index("ppk", indices.ppk),
         "missed_low": found.n_low, "missed_high": found.n_high,
         "expected_outside_ppm": indices.expected_outside_ppm, "normality_p": normality_p(values),
+        "pp_quantile": by_quantile[0], "ppk_quantile": by_quantile[1],
     }  # fmt: skip
 
 

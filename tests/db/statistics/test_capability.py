@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
-from db.statistics.capability import capability, moving_range_sigma, normality_p, pooled_sigma
+from db.statistics.capability import (
+    capability,
+    moving_range_sigma,
+    normality_p,
+    pooled_sigma,
+    quantile_performance,
+)
 from db.statistics.moments import Moments, moments
 
 
@@ -91,6 +97,24 @@ def test_expected_share_outside_is_that_of_the_normal_distribution() -> None:
 def test_missing_or_crossed_limits_are_refused(low: float | None, high: float | None) -> None:
     with pytest.raises(DegenerateInputError):
         capability(moments([1.0, 2.0]), low, high)
+
+
+def test_quantiles_serve_where_values_are_not_normal() -> None:
+    rng = np.random.default_rng(11)
+    normal = rng.normal(0.0, 1.0, 200_000)
+    found = quantile_performance(normal, -4.0, 4.0)
+    assert found is not None
+    assert found == (pytest.approx(4 / 3, rel=0.02), pytest.approx(4 / 3, rel=0.03))
+    # A limit at the quantile 99.865 % is an index of 1, whatever the distribution.
+    skewed = rng.lognormal(0.0, 0.5, 200_000)
+    limit = float(np.exp(0.5 * 3.0))
+    one_sided = quantile_performance(skewed, None, limit)
+    assert one_sided == (None, pytest.approx(1.0, rel=0.03))
+    ppk = capability(moments(skewed), None, limit).ppk
+    assert ppk is not None
+    assert ppk.value > 1.3
+    assert quantile_performance(normal[:999], -4.0, 4.0) is None
+    assert quantile_performance(np.ones(2000), 0.0, 2.0) is None
 
 
 def test_normality_is_doubted_where_it_should_be_and_only_there() -> None:
