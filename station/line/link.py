@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import can
 
@@ -12,6 +13,9 @@ from alignment.errors import InputError
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
 from station.line.protection import Check, Guard, Protector
+
+Spoil = Literal["crc", "counter"]
+_JUMP = 7
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,10 @@ class ProtectedLink:
         self._heard: dict[str, float] = {}
         self._malformed = 0
 
-    def send(self, frame: can.Message) -> None:
+    def send(self, frame: can.Message, spoil: Spoil | None = None) -> None:
         """Protect and send a frame that `LineDatabase.encode` made; the frame itself stays as it is.
+
+        `spoil` sends it with a wrong CRC, or with a counter that jumps.
 
         Raises
         ------
@@ -73,7 +79,8 @@ class ProtectedLink:
         # A frame that fails has used its counter up, which the receiver takes for one lost frame.
         with self._sending:
             if name in self.database.protected:
-                self._protector.protect(name, data)
+                self._protector.protect(name, data, jump=_JUMP if spoil == "counter" else 1)
+                data[0] ^= int(spoil == "crc")
             self.bus.send(
                 can.Message(
                     arbitration_id=frame.arbitration_id, is_extended_id=frame.is_extended_id, data=data

@@ -19,11 +19,11 @@ from typing import Self
 
 import can
 
-from alignment.errors import InputError, LineConnectionError, LineError, LineTimeoutError
+from alignment.errors import InputError, LineConnectionError, LineError
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
-from station.line.link import LinkHealth, ProtectedLink
+from station.line.link import LinkHealth, ProtectedLink, Spoil
 from station.line.messages import (
     Answer,
     CommandAnswer,
@@ -31,7 +31,6 @@ from station.line.messages import (
     HandshakeState,
     LineErrorCode,
     LineStatus,
-    LiveAngles,
     Mode,
     VehicleReport,
     WheelAnswer,
@@ -41,12 +40,10 @@ from station.line.orders import (
     PlcOrder,
     PlcResult,
     PlcTimeouts,
-    ReceivedMessage,
     first_shown,
 )
 from station.line.plc_results import missing_results, read_results
-from station.line.results import read_live
-from station.line.status import read_answer, read_status
+from station.line.station_view import StationView
 from station.line.supervised import SupervisedThread
 from station.line.vin import checked_vin
 
@@ -89,6 +86,15 @@ class PlcSimulator:
         Called with every result before it is acknowledged: what it keeps survives the controller's end.
 
     As a context it sends its Command cyclically in a supervised thread; without it call `tick`.
+
+    Attributes
+    ----------
+    view
+        What it knows of the station.
+    spoil
+        What is wrong with the frames that it sends; None for good frames. For tests of a station.
+    paused
+        True lets the cyclic Command cease, as a controller does that has lost its power.
     """
 
     def __init__(
@@ -107,22 +113,16 @@ class PlcSimulator:
         self._timeouts = timeouts
         self._sequence = sequence
         self._link = ProtectedLink(bus, database, clock)
-        self._changed = threading.Condition()
+        self.view = StationView(self._link, clock)
+        self.spoil: Spoil | None = None
+        self.paused = False
         self._standing = _Standing()
         self._sending = threading.Lock()
         self._heartbeat = 0
         self._vin_due_s = clock()
-        self._silent = False
-        self._status: LineStatus | None = None
-        self._last_status: LineStatus | None = None
-        self._answer: CommandAnswer | None = None
-        self._received: list[ReceivedMessage] = []
-        self._recording = False
-        self._results: dict[str, dict[str, Value]] = {}
-        self._live: dict[str, LiveAngles] = {}
         period_s = database.cycle_time_s("Command") or COMMAND_PERIOD_S
         self._cyclic = SupervisedThread("line plc", lambda stopping: self._cyclic_step(stopping, period_s))
-        bus.listen(self._receive)
+        bus.listen(self.view.receive)
 
     def start(self) -> Self:
         """Begin the cyclic Command; the first one goes out at once."""
@@ -132,7 +132,7 @@ class PlcSimulator:
 
     def close(self) -> None:
         """End the cyclic Command and stop listening; harmless when closed."""
-        self._bus.unlisten(self._receive)
+        self._bus.unlisten(self.view.receive)
         self._cyclic.stop()
 
     def __enter__(self) -> Self:
@@ -146,32 +146,24 @@ class PlcSimulator:
     @property
     def status(self) -> LineStatus | None:
         """The last good Status."""
-        with self._changed:
-            return self._status
-
-    @property
-    def live(self) -> dict[str, LiveAngles]:
-        """The last live angles of each wheel."""
-        with self._changed:
-            return dict(self._live)
+        return self.view.status
 
     @property
     def link_health(self) -> LinkHealth:
         """Frames of the station that counted and that did not."""
         return self._link.health
 
+    @property
+    def next_sequence(self) -> int:
+        """The number that the next command of its own will have: 1 to 255, and again."""
+        return self._sequence % 255 + 1
+
     def tick(self) -> None:
         """Send the standing command once; withdraw it when the station is lost."""
-        heard = self._link.heard_s("Status")
-        if heard is not None and self._clock() - heard > self._timeouts.silence_s:
-            with self._changed:
-                self._silent = True
-                self._last_status, self._status, self._answer = self._status, None, None
-                self._standing = _Standing()
-                self._results.clear()
-                self._live.clear()
-                self._link.forget()
-                self._changed.notify_all()
+        if self.paused:
+            return
+        if self.view.lose_when_silent(self._timeouts.silence_s):
+            self._standing = _Standing()
         self._send_standing()
 
     def connect(self) -> LineStatus:
@@ -182,17 +174,14 @@ class PlcSimulator:
         LineTimeoutError
             When it does not come in time.
         """
-        heard, _ = self._wait(
-            "a station that hears the controller",
-            self._timeouts.connect_s,
-            lambda status: (
-                self._answer is not None
-                and self._answer.link_up
-                and status.handshake is not HandshakeState.STARTING
-            ),
-            patient=True,
-        )
-        return heard
+
+        def heard(status: LineStatus) -> bool:
+            answer = self.view.answer
+            up = answer is not None and answer.link_up
+            return up and status.handshake is not HandshakeState.STARTING
+
+        what = "a station that hears the controller"
+        return self.view.wait(what, self._timeouts.connect_s, heard, patient=True)
 
     def start_up(self) -> PlcResult | None:
         """What a controller does first: take over results that wait, and reset a station that is not ready.
@@ -210,7 +199,7 @@ class PlcSimulator:
         self._sequence = status.sequence
         taken = None
         if status.busy or status.done:
-            self._record()
+            self.view.record()
             taken = self.finish(None, status.sequence, self._clock())
         status = self.status or status
         if not status.ready and not status.busy:
@@ -225,9 +214,9 @@ class PlcSimulator:
         LineTimeoutError
             When the station is silent or does not become ready in time.
         """
-        sequence = self._next_sequence()
+        sequence = self.number()
         self.command(CommandCode.RESET, sequence)
-        ready, _ = self._wait(
+        ready = self.view.wait(
             f"ready after reset {sequence}",
             self._timeouts.ready_s,
             lambda status: status.ready and status.sequence == sequence,
@@ -255,9 +244,9 @@ class PlcSimulator:
         """Start one vehicle and wait for busy; number of the start and when it was sent. Raises as `run`."""
         checked_vin(order.vin)
         self._wheels(order)
-        self._wait("ready", self._timeouts.ready_s, lambda status: status.ready)
-        sequence = self._next_sequence()
-        self._record()
+        self.view.wait("ready", self._timeouts.ready_s, lambda status: status.ready)
+        sequence = self.number()
+        self.view.record()
         started_s = self._clock()
         self.give(CommandCode.START, order, sequence)
         self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
@@ -277,7 +266,7 @@ class PlcSimulator:
         LineTimeoutError, LineError
             When the station does not answer in time, or refuses.
         """
-        self.give(CommandCode.PREPARE, order, self._next_sequence())
+        self.give(CommandCode.PREPARE, order, self.number())
         self._answered()
 
     def stop(self, sequence: int) -> None:
@@ -307,6 +296,11 @@ class PlcSimulator:
         """Go back to none."""
         self._put(replace(self._standing, code=CommandCode.NONE, vin=None))
 
+    def number(self) -> int:
+        """Take the next number for a command."""
+        self._sequence = self.next_sequence
+        return self._sequence
+
     def answer_to(self, code: CommandCode, sequence: int) -> CommandAnswer:
         """Wait for the final answer to a command that stands on the bus.
 
@@ -315,28 +309,17 @@ class PlcSimulator:
         LineTimeoutError
             When there is none in time.
         """
+        found: list[CommandAnswer] = []
 
         def answered(status: LineStatus) -> bool:
-            found = self._answer
-            return (
-                found is not None
-                and (found.code, found.sequence) == (code, sequence)
-                and (found.answer is Answer.ACCEPTED or found.error_code not in _PASSING)
-            )
+            answer = self.view.answer
+            if answer is None or (answer.code, answer.sequence) != (code, sequence):
+                return False
+            found.append(answer)
+            return answer.answer is Answer.ACCEPTED or answer.error_code not in _PASSING
 
-        self._wait(f"an answer to {code} {sequence}", self._timeouts.busy_s, answered)
-        assert self._answer is not None
-        return self._answer
-
-    def wait_for(self, what: str, timeout_s: float, reached: Callable[[LineStatus], bool]) -> LineStatus:
-        """Wait for a Status.
-
-        Raises
-        ------
-        LineTimeoutError
-            When it does not come in time, or the station is silent.
-        """
-        return self._wait(what, timeout_s, reached)[0]
+        self.view.wait(f"an answer to {code} {sequence}", self._timeouts.busy_s, answered)
+        return found[-1]
 
     def _answered(self) -> None:
         standing = self._standing
@@ -346,15 +329,6 @@ class PlcSimulator:
             raise LineError(
                 f"the station refused {standing.code} at sequence {standing.sequence}: {found.error_code}"
             )
-
-    @property
-    def next_sequence(self) -> int:
-        """The number that the next command of its own will have: 1 to 255, and again."""
-        return self._sequence % 255 + 1
-
-    def _next_sequence(self) -> int:
-        self._sequence = self.next_sequence
-        return self._sequence
 
     def _wheels(self, order: PlcOrder) -> tuple[str, ...]:
         wheels = tuple(self._database.wheels) if order.wheels is None else order.wheels
@@ -398,65 +372,17 @@ class PlcSimulator:
     def _send(self, frame: can.Message) -> None:
         # What stands is sent again; the health of the bus counts the failure.
         with contextlib.suppress(LineConnectionError):
-            self._link.send(frame)
+            self._link.send(frame, self.spoil)
 
     def _cyclic_step(self, stopping: threading.Event, period_s: float) -> None:
         if not stopping.wait(period_s):
             self.tick()
 
-    def _receive(self, frame: can.Message) -> None:
-        with self._changed:
-            read = self._link.read(frame)
-            if read is None:
-                return
-            name, values = read
-            if self._recording:
-                self._received.append(ReceivedMessage(self._clock(), name, values))
-            if name == "Status":
-                self._status, self._silent = read_status(values), False
-            elif name == "CommandAnswer":
-                self._answer = read_answer(values)
-            elif name.startswith("LiveAngles"):
-                wheel = next(w for w, e in self._database.wheels.items() if name == f"LiveAngles{e}")
-                self._live[wheel] = read_live(wheel, values)
-            else:
-                self._results[name] = values
-            self._changed.notify_all()
-
-    def _record(self) -> None:
-        with self._changed:
-            self._received.clear()
-            self._recording = True
-            self._results.clear()
-            self._live.clear()
-
-    def _wait(
-        self,
-        what: str,
-        timeout_s: float,
-        reached: Callable[[LineStatus], bool],
-        patient: bool = False,
-    ) -> tuple[LineStatus, float]:
-        """Wait for a Status; one that is patient outlasts a silent station."""
-        deadline = self._clock() + timeout_s
-        with self._changed:
-            while self._silent or self._status is None or not reached(self._status):
-                silent = self._silent and not patient
-                remaining = deadline - self._clock()
-                if remaining <= 0 or silent:
-                    problem = "the station is silent" if self._silent else "time is over"
-                    raise LineTimeoutError(
-                        f"expected {what} within {timeout_s:g} s, but {problem}; "
-                        f"last status: {self._status or self._last_status or 'none'}"
-                    )
-                self._changed.wait(remaining)
-            return self._status, self._clock()
-
     def _wait_in_cycle(
         self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
     ) -> None:
         def refusal() -> LineErrorCode | None:
-            found = self._answer
+            found = self.view.answer
             mine = found is not None and (found.code, found.sequence) == (CommandCode.START, sequence)
             if not mine or found is None or found.answer is not Answer.REFUSED:
                 return None
@@ -469,7 +395,7 @@ class PlcSimulator:
             ended = status.sequence == sequence and not status.busy and not status.done
             return status.fault or (refusal() is not None and (ended or status.sequence != sequence))
 
-        status, _ = self._wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
+        status = self.view.wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
         if failed(status):
             self.withdraw()
             if status.fault:
@@ -479,27 +405,23 @@ class PlcSimulator:
             raise LineError(f"the station refused at sequence {sequence}: {refusal()} ({status})")
 
     def _take_over(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
-        def complete(status: LineStatus) -> bool:
-            return not status.done or not missing_results(self._database, self._results, sequence)
-
         # Results are sent again while they are held, so one that was lost comes.
-        with contextlib.suppress(LineTimeoutError):
-            self._wait(f"all results of {sequence}", self._timeouts.acknowledged_s, complete)
-        with self._changed:
-            results = dict(self._results)
-        vehicle, wheels, axles = read_results(self._database, results, sequence)
+        self.view.wait_until(
+            self._timeouts.acknowledged_s,
+            lambda: not missing_results(self._database, self.view.results, sequence),
+        )
+        vehicle, wheels, axles = read_results(self._database, self.view.results, sequence)
         # What was taken over is safe before the station may forget it.
         self._keep(sequence, vehicle, wheels)
         self.acknowledge(sequence)
-        _, acknowledged_s = self._wait(
+        self.view.wait(
             f"the end of ResultValid after acknowledge {sequence}",
             self._timeouts.acknowledged_s,
             lambda status: not status.done,
         )
+        acknowledged_s = self._clock()
         self.withdraw()
-        with self._changed:
-            self._recording = False
-            received = tuple(self._received)
+        received = self.view.recorded()
         return PlcResult(
             order=order,
             sequence=sequence,

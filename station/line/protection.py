@@ -76,9 +76,9 @@ class Protector:
         self._messages = messages
         self._counters = dict.fromkeys(messages, COUNTERS - 1)
 
-    def protect(self, name: str, data: bytearray) -> None:
-        """Protect the next frame of a message, in place."""
-        self._counters[name] = (self._counters[name] + 1) % COUNTERS
+    def protect(self, name: str, data: bytearray, jump: int = 1) -> None:
+        """Protect the next frame of a message, in place; a jump other than 1 is a wrong counter."""
+        self._counters[name] = (self._counters[name] + jump) % COUNTERS
         protect(data, self._messages[name].data_id, self._counters[name])
 
 

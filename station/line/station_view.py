@@ -1,0 +1,158 @@
+"""What a controller knows of a station: the last good messages, and waiting for them within bounds."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import can
+
+from alignment.errors import LineTimeoutError
+from station.line.dbc import Value
+from station.line.link import ProtectedLink
+from station.line.messages import CommandAnswer, LineStatus, LiveAngles, StationInfo
+from station.line.orders import ReceivedMessage
+from station.line.results import read_live
+from station.line.status import read_answer, read_info, read_status
+
+
+class StationView:
+    """Takes the station's frames in the receiving thread, and lets another thread wait for what they say.
+
+    Parameters
+    ----------
+    link
+        The controller's end of the line.
+    clock
+        Monotonic seconds.
+    """
+
+    def __init__(self, link: ProtectedLink, clock: Callable[[], float]) -> None:
+        self._link = link
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._silent = False
+        self._status: LineStatus | None = None
+        self._last_status: LineStatus | None = None
+        self._answer: CommandAnswer | None = None
+        self._info: StationInfo | None = None
+        self._received: list[ReceivedMessage] = []
+        self._recording = False
+        self._results: dict[str, dict[str, Value]] = {}
+        self._live: dict[str, LiveAngles] = {}
+
+    @property
+    def status(self) -> LineStatus | None:
+        """The last good Status; None before the first, and while the station is silent."""
+        with self._changed:
+            return self._status
+
+    @property
+    def answer(self) -> CommandAnswer | None:
+        """The last good CommandAnswer."""
+        with self._changed:
+            return self._answer
+
+    @property
+    def info(self) -> StationInfo | None:
+        """The last good StationInfo."""
+        with self._changed:
+            return self._info
+
+    @property
+    def live(self) -> dict[str, LiveAngles]:
+        """The last live angles of each wheel."""
+        with self._changed:
+            return dict(self._live)
+
+    @property
+    def results(self) -> dict[str, dict[str, Value]]:
+        """The last good result messages, by name."""
+        with self._changed:
+            return dict(self._results)
+
+    def record(self) -> None:
+        """Forget results and live angles, and keep every message from now on."""
+        with self._changed:
+            self._received.clear()
+            self._recording = True
+            self._results.clear()
+            self._live.clear()
+
+    def recorded(self) -> tuple[ReceivedMessage, ...]:
+        """All messages since `record`; keeps none any more."""
+        with self._changed:
+            self._recording = False
+            return tuple(self._received)
+
+    def lose_when_silent(self, silence_s: float) -> bool:
+        """Forget everything when no good Status came for so long; whether that is so now."""
+        heard = self._link.heard_s("Status")
+        if heard is None or self._clock() - heard <= silence_s:
+            return False
+        with self._changed:
+            self._silent = True
+            self._last_status, self._status, self._answer = self._status, None, None
+            self._results.clear()
+            self._live.clear()
+            self._link.forget()
+            self._changed.notify_all()
+        return True
+
+    def receive(self, frame: can.Message) -> None:
+        """Take one frame; the bus's receiving thread calls this."""
+        with self._changed:
+            read = self._link.read(frame)
+            if read is None:
+                return
+            name, values = read
+            if self._recording:
+                self._received.append(ReceivedMessage(self._clock(), name, values))
+            match name:
+                case "Status":
+                    self._status, self._silent = read_status(values), False
+                case "CommandAnswer":
+                    self._answer = read_answer(values)
+                case "StationInfo":
+                    self._info = read_info(values)
+                case _ if name.startswith("LiveAngles"):
+                    endings = self._link.database.wheels
+                    wheel = next(w for w, ending in endings.items() if name == f"LiveAngles{ending}")
+                    self._live[wheel] = read_live(wheel, values)
+                case _:
+                    self._results[name] = values
+            self._changed.notify_all()
+
+    def wait(
+        self, what: str, timeout_s: float, reached: Callable[[LineStatus], bool], patient: bool = False
+    ) -> LineStatus:
+        """Wait for a Status; one that is patient outlasts a silent station.
+
+        Raises
+        ------
+        LineTimeoutError
+            When it does not come in time, or the station is silent; with the last status.
+        """
+        deadline = self._clock() + timeout_s
+        with self._changed:
+            while self._silent or self._status is None or not reached(self._status):
+                remaining = deadline - self._clock()
+                if remaining <= 0 or (self._silent and not patient):
+                    problem = "the station is silent" if self._silent else "time is over"
+                    raise LineTimeoutError(
+                        f"expected {what} within {timeout_s:g} s, but {problem}; "
+                        f"last status: {self._status or self._last_status or 'none'}"
+                    )
+                self._changed.wait(remaining)
+            return self._status
+
+    def wait_until(self, timeout_s: float, reached: Callable[[], bool]) -> bool:
+        """Wait until something is so, looked at with every good message; whether it came in time."""
+        deadline = self._clock() + timeout_s
+        with self._changed:
+            while not reached():
+                remaining = deadline - self._clock()
+                if remaining <= 0:
+                    return False
+                self._changed.wait(remaining)
+            return True
