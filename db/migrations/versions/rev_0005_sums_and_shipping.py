@@ -143,12 +143,19 @@ def upgrade() -> None:
 def _fill_outbox() -> None:
     # In an order in which each record finds what it refers to.
     for kind, table, key, order in (
+        ("station", "station_versions", "uuid", "id"),
+        ("limits", "vehicle_type_limits", "uuid", "id"),
         ("calibration", "calibrations", "id", "stored_utc, valid_from_utc"),
+        ("installation", "installations", "uuid", "id"),
         ("check", "calibration_checks", "uuid", "id"),
         ("zero", "zero_measurements", "id", "stored_utc, measured_utc"),
         ("revocation", "zero_revocations", "zero_id", "stored_utc"),
         ("event", "events", "uuid", "id"),
         ("cycle", "cycles", "uuid", "id"),
+        ("study", "gauge_studies", "uuid", "id"),
+        ("study_value", "gauge_values", "uuid", "id"),
+        ("shot", "archived_shots", "uuid", "id"),
+        ("removal", "archive_removals JOIN archived_shots ON id = shot_id", "uuid", "id"),
     ):
         op.execute(f"INSERT INTO outbox (kind, key) SELECT '{kind}', {key} FROM {table} ORDER BY {order}")
 

@@ -1,0 +1,166 @@
+"""A database of every earlier revision, with results in it, becomes one of today and loses nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Connection, text
+
+from alignment.errors import StoreSchemaError
+from db.check import check_database
+from db.engine import make_engine, parse_url
+from db.migrate import _revisions, current_revision, head_revision, migrate
+from db.partitions import CYCLES_PER_PARTITION, ensure_partitions
+from db.quality_records import ArchiveRemoval
+from db.records import CycleRecord, EventRecord, Severity
+from db.rows import flat_values
+from db.schema import (
+    axle_results,
+    calibration_checks,
+    calibrations,
+    cycles,
+    events,
+    vehicle_results,
+    vehicles,
+    wheel_results,
+    zero_measurements,
+    zero_revocations,
+)
+from db.shipping import Shipper
+from db.store import ResultStore
+from db.sums import bring_up_to_date
+from db.writing import write_record
+from tests.db.example_plant import plant
+from tests.db.example_records import (
+    CALIBRATION,
+    NOON,
+    check,
+    cycle,
+    installation,
+    limits,
+    revocation,
+    shot,
+    station,
+    study,
+    study_value,
+    zero,
+)
+
+EARLIER = _revisions()[:-1]
+RECORDS = plant(12)
+EVENT = EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started")
+
+
+def put(connection: Connection, number: int, record: CycleRecord) -> None:
+    assert record.vehicle is not None
+    assert record.vehicle_angles is not None
+    stored = {"stored_utc": NOON}
+    connection.execute(vehicles.insert().values(id=number, **flat_values(record.vehicle)))
+    connection.execute(cycles.insert().values(id=number, vehicle_id=number, **flat_values(record), **stored))
+    for wheel in record.wheels:
+        connection.execute(wheel_results.insert().values(cycle_id=number, **flat_values(wheel)))
+    for axle in record.axles:
+        connection.execute(axle_results.insert().values(cycle_id=number, **flat_values(axle)))
+    angles = flat_values(record.vehicle_angles)
+    connection.execute(vehicle_results.insert().values(cycle_id=number, **angles))
+
+
+def fill(url: str, revision: str) -> None:
+    """Rows in every table that the revision has, as its program wrote them."""
+    engine = make_engine(parse_url(url), timeout_s=5.0)
+    stored = {"stored_utc": NOON}
+    with engine.begin() as connection:
+        connection.execute(calibrations.insert().values(**flat_values(CALIBRATION), **stored))
+        connection.execute(events.insert().values(**flat_values(EVENT)))
+        for number, record in enumerate(RECORDS, 1):
+            put(connection, number, record)
+        if revision >= "0002":
+            connection.execute(calibration_checks.insert().values(**flat_values(check()), **stored))
+        if revision >= "0003":
+            connection.execute(zero_measurements.insert().values(**flat_values(zero()), **stored))
+            connection.execute(zero_revocations.insert().values(**flat_values(revocation()), **stored))
+        if revision >= "0004":
+            planned, kept = study(), shot(RECORDS[0].uuid)
+            for item in (
+                station(),
+                limits(),
+                installation(),
+                planned,
+                study_value(planned.uuid),
+                kept,
+                ArchiveRemoval(kept.uuid, NOON, "the ring is full"),
+            ):
+                write_record(connection, item, NOON)
+        if connection.dialect.name == "postgresql":
+            for table in ("vehicles", "cycles"):
+                newest = f"(SELECT max(id) FROM {table})"
+                connection.execute(text(f"SELECT setval(pg_get_serial_sequence('{table}', 'id'), {newest})"))
+    engine.dispose()
+
+
+@pytest.mark.parametrize("revision", EARLIER)
+def test_every_earlier_revision_keeps_its_results(database_url: str, revision: str) -> None:
+    migrate(database_url, revision)
+    fill(database_url, revision)
+    assert current_revision(database_url) == revision
+    assert migrate(database_url) == head_revision()
+    with ResultStore(database_url) as store:
+        assert [stored.record for stored in store.recent_cycles(20)] == RECORDS[::-1]
+        assert store.calibration(CALIBRATION.id) == CALIBRATION
+        assert store.recent_events(5) == (EVENT,)
+        assert len(store.calibration_checks(CALIBRATION.id)) == (revision >= "0002")
+        assert len(store.zeros()) == (revision >= "0003")
+        assert store.counts()["gauge_values"] == (revision >= "0004")
+        # It goes on where it was.
+        store.write_cycle(cycle())
+    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    assert bring_up_to_date(engine) == len(RECORDS) + 1
+    engine.dispose()
+    with pytest.raises(StoreSchemaError, match="would drop stored results"):
+        migrate(database_url, revision)
+
+
+@pytest.mark.parametrize("revision", [revision for revision in EARLIER if revision < "0005"])
+def test_what_a_station_stored_before_there_was_an_outbox_is_shipped_too(
+    tmp_path: Path, postgres_url: str, revision: str
+) -> None:
+    url = f"sqlite:///{tmp_path / 'station.db'}"
+    migrate(url, revision)
+    fill(url, revision)
+    migrate(url)
+    migrate(postgres_url)
+    assert check_database(url).findings == ()
+    with Shipper(url, postgres_url, "EOL-1") as shipper:
+        while shipper.ship(5).pending:
+            pass
+    with ResultStore(url) as local, ResultStore(postgres_url) as central:
+        found = [stored.record for stored in central.recent_cycles(20)]
+        assert found == [stored.record for stored in local.recent_cycles(20)]
+        assert central.counts() == local.counts()
+
+
+def test_partitions_are_made_ahead_and_rows_that_came_first_stay(postgres_url: str) -> None:
+    migrate(postgres_url)
+    engine = make_engine(parse_url(postgres_url), timeout_s=5.0)
+    with ResultStore(postgres_url) as store:
+        store.record_calibration(CALIBRATION)
+        with engine.begin() as connection:
+            assert ensure_partitions(connection) == 0
+            connection.execute(text(f"SELECT setval('cycles_id_seq', {5 * CYCLES_PER_PARTITION + 7})"))
+        # Nobody made a partition for this one.
+        store.write_cycle(cycle())
+        with engine.begin() as connection:
+            late = connection.execute(text("SELECT count(*) FROM wheel_results_default")).scalar_one()
+            assert late == 4
+            assert ensure_partitions(connection) == 1
+            assert ensure_partitions(connection) == 0
+            connection.execute(text(f"SELECT setval('cycles_id_seq', {6 * CYCLES_PER_PARTITION})"))
+        last = cycle()
+        store.write_cycle(last)
+        with engine.begin() as connection:
+            assert connection.execute(text("SELECT count(*) FROM wheel_results_default")).scalar_one() == 4
+        stored = store.cycle(last.uuid)
+        assert stored is not None
+        assert stored.record == last
+    engine.dispose()
