@@ -155,9 +155,6 @@ class _Collected:
         self._next_event = dict.fromkeys(self._events, 0)
         self._timezone = timezone
         self._by_limits: dict[tuple[object, ...], _Part] = {}
-        self._limits: dict[str, dict[str, tuple[float | None, float | None]]] = {}
-        self._cycle = ""
-        self._happened: list[EventRecord] = []
         self._seen: dict[tuple[str, str], str] = {}
         self._pending: list[AngleRow] = []
         self.values = 0

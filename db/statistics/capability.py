@@ -84,7 +84,7 @@ def capability(
     low, high
         Specification limits; one is enough for Cpk and Ppk.
     within_sigma, within_df
-        Standard deviation within subgroups, and its degrees of freedom: `pooled_sigma`, or that of a chart.
+        Standard deviation within subgroups, and its degrees of freedom.
 
     Raises
     ------
@@ -109,12 +109,6 @@ def capability(
         cp = _potential(low, high, within_sigma, within_df, confidence)
         cpk = _actual(low, high, overall.mean, within_sigma, overall.n, within_df, confidence)
     return Capability(overall, within_sigma, within_df, low, high, cp, cpk, pp, ppk, ppm, confidence)
-
-
-def pooled_sigma(groups: list[Moments]) -> tuple[float, int] | None:
-    """Standard deviation within groups and its degrees of freedom; None when no group has two values."""
-    df = sum(group.n - 1 for group in groups if group.n)
-    return None if df < 1 else (math.sqrt(math.fsum(group.squares for group in groups) / df), df)
 
 
 def moving_range_sigma(values: ArrayLike) -> tuple[float, int] | None:

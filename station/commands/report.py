@@ -53,6 +53,14 @@ def report(
     chart: Annotated[ChartKind, typer.Option(help="Kind of control charts.")] = ChartKind.INDIVIDUALS,
     rules: Annotated[RuleSet, typer.Option(help="Which signals of a chart count.")] = RuleSet.THREE_SIGMA,
     size: Annotated[int, typer.Option(help="Values of one subgroup of a chart.", min=2, max=100)] = 5,
+    limits_from: Annotated[
+        str | None,
+        typer.Option(
+            help="Charts take their limits from results of an earlier, good period: its beginning.",
+            show_default=False,
+        ),
+    ] = None,
+    limits_until: Annotated[str | None, typer.Option(help="And its end.", show_default=False)] = None,
     split: Annotated[
         SplitBy, typer.Option("--by", help="Capability for each of these by itself.")
     ] = SplitBy.NOTHING,
@@ -69,13 +77,22 @@ def report(
 
     from db.queries import Characteristic, ResultReader
     from station.quality.make_report import ReportOptions, make_report, write_report
+    from station.quality.periods import read_time
     from station.quality.selection import read_filter
 
     where = read_filter(
         from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
     )
     angles = tuple(Characteristic.parse(text) for text in characteristic or ())
-    options = ReportOptions(angles, chart, rules, size, split)
+    options = ReportOptions(
+        angles,
+        chart,
+        rules,
+        size,
+        split,
+        read_time("--limits-from", limits_from),
+        read_time("--limits-until", limits_until),
+    )
     with ResultReader(database) as reader:
         found = make_report(reader, kind, where, options, datetime.now(UTC))
     if out is not None:

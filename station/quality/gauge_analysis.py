@@ -297,7 +297,7 @@ def analyse_stability(
     seen = len(chart.location.signals) + len(chart.spread.signals)
     assessment = (
         "Stable: no signal"
-        if not seen
+        if chart.in_control
         else f"NOT stable: {seen} signals, the first at value "
         f"{min(s.index for s in (*chart.location.signals, *chart.spread.signals)) * chart.size + 1}"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -30,6 +30,14 @@ class ReportOptions:
         Kind of control charts, which signals count, values per subgroup.
     split
         Capability for each station or day by itself.
+    limits_from, limits_until
+        Period in which the process was good: charts take their limits from it, and from their own values
+        without.
+
+    Raises
+    ------
+    ConfigurationError
+        When only one of both is given.
     """
 
     characteristics: Sequence[Characteristic] = ()
@@ -37,6 +45,14 @@ class ReportOptions:
     rules: RuleSet = RuleSet.THREE_SIGMA
     size: int = 5
     split: SplitBy = SplitBy.NOTHING
+    limits_from: datetime | None = None
+    limits_until: datetime | None = None
+
+    def __post_init__(self) -> None:
+        if (self.limits_from is None) != (self.limits_until is None):
+            raise ConfigurationError(
+                field="--limits-from, --limits-until", expected="both ends of the period", seen="only one"
+            )
 
 
 def make_report(
@@ -88,7 +104,10 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
         case ReportKind.CAPABILITY:
             return [capability_section(reader, where, angles, options.split)]
         case ReportKind.CHART:
-            return chart_sections(reader, where, angles, options.chart, options.rules, options.size)
+            baseline = None
+            if options.limits_from is not None:
+                baseline = replace(where, from_utc=options.limits_from, until_utc=options.limits_until)
+            return chart_sections(reader, where, angles, options.chart, options.rules, options.size, baseline)
         case ReportKind.COMPARE:
             return compare_sections(reader, where, angles)
         case ReportKind.DRIFT:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
 from db.statistics.capability import Index, capability, moving_range_sigma, normality_p, quantile_performance
-from db.statistics.charts import ControlChart, Track, control_chart
+from db.statistics.charts import Baseline, ControlChart, Track, control_chart
 from db.statistics.choices import ChartKind, RuleSet
 from db.statistics.moments import Moments
 from db.statistics.rules import rule_texts
 from station.quality.pictures import Picture, Trace
-from station.quality.report import Row, Section, shown_time
+from station.quality.report import Row, Section, in_words, shown_time
 from station.quality.report_choices import SplitBy
 
 Array = NDArray[np.float64]
@@ -136,8 +136,12 @@ def chart_sections(
     kind: ChartKind,
     rules: RuleSet,
     size: int,
+    baseline: Filter | None = None,
 ) -> list[Section]:
-    """A control chart of each characteristic, and the list of its signals."""
+    """A control chart of each characteristic, and the list of its signals.
+
+    Limits come from the results of `baseline`, or from the values themselves without.
+    """
     wanted = list(characteristics) or wheel_angles(reader, where)
     rows: list[Row] = []
     signals: list[Row] = []
@@ -148,7 +152,14 @@ def chart_sections(
         least = 2 if kind is ChartKind.INDIVIDUALS else 2 * size
         if len(values) < least:
             continue
-        chart = control_chart(kind, values, rules, size=size)
+        known = None
+        if baseline is not None:
+            earlier, _ = comparable(value_series(reader, characteristic, baseline, newest=NEWEST))
+            if len(earlier) < least:
+                continue
+            before = control_chart(kind, earlier, rules, size=size)
+            known = Baseline(before.location.centre, before.sigma)
+        chart = control_chart(kind, values, rules, size=size, baseline=known)
         rows.append(
             {
                 "characteristic": str(characteristic), "values": len(values),
@@ -174,7 +185,8 @@ def chart_sections(
             rows,
             {"charts": len(rows), "signals": found},
             f"Rules {rules}: {texts}. The newest {NEWEST} values in the order of storing. Where vehicle "
-            "types differ in their limits, values are taken from the middle of their own limits.",
+            "types differ in their limits, values are taken from the middle of their own limits."
+            + ("" if baseline is None else f" Control limits: {in_words(baseline)}."),
             pictures,
             brief=("characteristic", "values", "centre_deg", "lower_deg", "upper_deg", "signals"),
         ),

@@ -118,6 +118,19 @@ def test_charts_flag_the_points_that_their_signals_name(
     )
 
 
+def test_limits_of_a_good_period_show_what_changed_since(asked: Callable[..., Report]) -> None:
+    where = Filter(stations=(STATIONS[0],), from_utc=START + timedelta(days=10))
+    options = {"characteristics": (TOE,), "rules": RuleSet.WESTERN_ELECTRIC}
+    own = asked(ReportKind.CHART, where, **options).as_json()
+    since = asked(
+        ReportKind.CHART, where, **options, limits_from=START, limits_until=START + timedelta(days=10)
+    ).as_json()
+    (mine,), (theirs,) = (found["sections"][0]["rows"] for found in (own, since))
+    assert theirs["centre_deg"] < mine["centre_deg"]
+    assert theirs["values"] == mine["values"]
+    assert theirs["signals"] > mine["signals"]
+
+
 def test_the_station_that_reads_more_is_found(asked: Callable[..., Report]) -> None:
     sides, stations = asked(ReportKind.COMPARE).as_json()["sections"]
     (mine,) = [
@@ -268,6 +281,7 @@ def test_shift_of_the_plant_clock(month: str, run: Run) -> None:
         (["yield", "--from", "2026-11-02", "--until", "2026-11-01"], "until"),
         (["everything"], "everything"),
         (["chart", "--rules", "mine"], "mine"),
+        (["chart", "--limits-from", "2026-10-01"], "--limits-until"),
     ],
 )
 def test_wrong_use_ends_with_status_2(month: str, run: Run, arguments: list[str], said: str) -> None:
