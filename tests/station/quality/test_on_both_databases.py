@@ -76,3 +76,33 @@ def test_commands_of_the_guide_work_as_written(
     assert {"report.html", "results.dfq", "results.dfd", "results.dfx", "certificate.pdf"} <= {
         file.name for file in tmp_path.iterdir()
     }
+
+
+def test_gauge_study_lives_on_the_server_too(
+    postgres_server: PostgresServer, run: Run, tmp_path: Path
+) -> None:
+    file = tmp_path / "v.csv"
+    file.write_text(
+        "part,appraiser,trial,value\n"
+        + "".join(f"Ä{p},{who},{t},{p + 0.01 * t}\n" for p in range(5) for who in "AB" for t in (1, 2))
+    )
+    with postgres_server.database() as url:
+        assert run("db", "migrate", "--database", url)[0] == 0
+        status, out, err = run(
+            "gauge", "grr", "--from-file", file, "--database", url, "--name", "Prüfung", "--json"
+        )
+        assert (status, err) == (0, "")
+        first = json.loads(out)
+        again = json.loads(run("gauge", "grr", "--study", "Prüfung", "--database", url, "--json")[1])
+        assert again["figures"] == first["figures"]
+        status, out, _ = run(
+            "gauge", "plan", "grr", "--database", url, "--name", "live", "--characteristic", "front_left.toe",
+            "--part", "A", "--part", "B", "--json",
+        )  # fmt: skip
+        assert (status, len(json.loads(out)["order"])) == (0, 6)
+        status, out, _ = run("gauge", "fill", "live", "--database", url, "--json")
+        assert (status, json.loads(out)["added"]) == (1, 0)
+        status, out, _ = run(
+            "export", "certificate", "--study", "Prüfung", "--database", url, "--out", tmp_path / "s.pdf"
+        )
+        assert status == 0
