@@ -53,6 +53,22 @@ def test_one_vehicle_from_trigger_to_committed_result(truewheel: Truewheel, tmp_
     assert trace.in_order
     assert truewheel("line", "monitor", result["can_log"], "--config", CONFIGS / "station.toml").status == 0
 
+    report = truewheel("report", "all", "--database", url, "--out", tmp_path / "report.html", "--json").json
+    assert (report["figures"]["cycles"], report["figures"]["yield_percent"]) == (1, 100.0)
+    of_vin = truewheel("report", "vin", "--vin", vehicle["vin"], "--database", url, "--json").json
+    angles = {
+        row["angle"]: row["value_deg"]
+        for part in of_vin["sections"]
+        for row in part["rows"]
+        if "angle" in row
+    }
+    for wheel in vehicle["wheels"]:
+        assert abs(angles[f"{wheel['wheel']}.toe"] - wheel["toe_deg"]) < 1e-9
+    for name, *options in (("certificate", "--vin", vehicle["vin"]), ("aqdef",)):
+        ending = {"certificate": "pdf", "aqdef": "dfq"}[name]
+        out = tmp_path / f"results.{ending}"
+        assert truewheel("export", name, "--database", url, *options, "--out", out).status == 0
+
 
 def test_every_second_vehicle_has_one_wheel_out_of_tolerance() -> None:
     kind = read_vehicle_types(CONFIGS / "vehicles")[1]
