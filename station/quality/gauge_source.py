@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from alignment.errors import ConfigurationError, DegenerateInputError
-from db.quality_records import StoredGaugeStudy, StudyKind
+from db.quality_records import GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.gauge_file import GaugeRow, read_gauge_file
 
 COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {
@@ -135,7 +136,7 @@ def source_of(stored: StoredGaugeStudy) -> GaugeSource:
             shown(references[value.part]) if value.part in references else None,
             value.utc,
         )
-        for value in stored.values
+        for value in sorted(stored.values, key=_in_natural_order)
     ]
     numbers = {
         name: float(shown(plan[name]))
@@ -148,3 +149,10 @@ def source_of(stored: StoredGaugeStudy) -> GaugeSource:
         DEGREES if in_degrees else unit,
         numbers,
     )
+
+
+def _in_natural_order(value: GaugeValueRecord) -> tuple[list[tuple[int, str]], str, int]:
+    """Part 2 before part 10."""
+    pieces = re.findall(r"\d+|\D+", value.part)
+    numbered = [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in pieces]
+    return numbered, value.appraiser, value.trial

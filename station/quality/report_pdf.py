@@ -39,7 +39,7 @@ def _section(document: Document, section: Section) -> None:
     if not rows:
         document.paragraph("Nothing.")
         return
-    names = list(rows[0])
+    names = list(section.brief or rows[0])
     # A page is as wide as it is: a wide table continues below, its first column repeated.
     for first in range(1, max(len(names), 2), _COLUMNS - 1):
         shown = [names[0], *names[first : first + _COLUMNS - 1]]
@@ -47,8 +47,13 @@ def _section(document: Document, section: Section) -> None:
             [name.replace("_", " ") for name in shown],
             [[_shown(row[name]) for name in shown] for row in rows],
         )
+    left_out = []
     if len(section.rows) > LONGEST_TABLE:
-        document.paragraph(f"{len(section.rows) - LONGEST_TABLE} more rows; --json has all.")
+        left_out.append(f"{len(section.rows) - LONGEST_TABLE} more rows")
+    if len(names) < len(rows[0]):
+        left_out.append(f"{len(rows[0]) - len(names)} more columns")
+    if left_out:
+        document.paragraph(f"{' and '.join(left_out)}: in HTML and JSON.")
 
 
 def _shown(value: object) -> str:

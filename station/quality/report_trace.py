@@ -55,14 +55,14 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             f"Cycles of {vin}",
             cycles,
             {"cycles": len(cycles)},
-            brief=("received", "station", "result", "cycle"),
+            brief=("received", "station", "result", "reason", "cycle"),
         ),
         Section(
             "angles",
             "Angles",
             rows,
             {"angles": len(rows)},
-            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "reason"),
+            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "calibration"),
         ),
         *_explaining(history),
     ]

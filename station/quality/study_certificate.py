@@ -99,6 +99,7 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
                 for line in anova
             ],
         )  # fmt: skip
+    cycles = {(value.part, value.appraiser, value.trial): value.cycle for value in stored.values}
     document.heading("Raw values")
     document.rows(
         ("part", "appraiser", "trial", "value", "time", "cycle"),
@@ -106,9 +107,9 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
             (
                 row.part, row.appraiser, str(row.trial), f"{float(row.value):.6g}",
                 "" if row.utc is None else f"{row.utc:%Y-%m-%d %H:%M:%S}",
-                "" if value.cycle is None else str(value.cycle),
+                str(cycles[row.part, row.appraiser, row.trial] or ""),
             )
-            for row, value in zip(source.rows[:_LONGEST_RAW], stored.values, strict=False)
+            for row in source.rows[:_LONGEST_RAW]
         ],
         widths=(22, 12, 7, 13, 18, 28),
     )  # fmt: skip

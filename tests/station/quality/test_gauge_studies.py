@@ -134,6 +134,13 @@ def test_same_figures_from_the_stored_values_as_from_the_file(
     assert (listed["name"], listed["values"], listed["planned"]) == ("Prüfmittel 1", 60, 60)
 
 
+def test_part_2_comes_before_part_10(database: str, tmp_path: Path) -> None:
+    file = tmp_path / "s.csv"
+    file.write_text("part,value\n" + "".join(f"P{part},{part}\nP{part},{part}.5\n" for part in (10, 2, 1)))
+    source = open_source(StudyKind.GRR, file, database, None, "order", "", {})
+    assert [row.part for row in source.rows] == ["P1", "P1", "P2", "P2", "P10", "P10"]
+
+
 def test_linearity_keeps_its_certified_values(database: str, tmp_path: Path) -> None:
     file = tmp_path / "l.csv"
     file.write_text(
