@@ -150,7 +150,7 @@ class BackgroundWork:
         free = self._free_bytes(self._folder)
         nearly_full = free < self._minimum_free_bytes
         if nearly_full != self._health.disk_nearly_full:
-            self._note(
+            self.note(
                 Severity.ERROR if nearly_full else Severity.INFO,
                 "disk_nearly_full" if nearly_full else "disk_has_room",
                 f"{free / 1e6:.0f} MB are free in {self._folder}, at least"
@@ -167,7 +167,7 @@ class BackgroundWork:
         except StoreError as error:
             taken = isinstance(error, StationTakenError)
             if self._health.central_error is None or taken != self._health.name_taken:
-                self._note(Severity.ERROR, "station_name_taken" if taken else "central_away", str(error))
+                self.note(Severity.ERROR, "station_name_taken" if taken else "central_away", str(error))
             pending = self._health.pending
             try:
                 pending = self._shipper.pending()
@@ -179,9 +179,9 @@ class BackgroundWork:
         self._retry_s = _FIRST_RETRY_S
         if done.renewed_origin:
             text = "this database is a copy of another; everything is shipped again under a new identity"
-            self._note(Severity.WARNING, "database_copied", text)
+            self.note(Severity.WARNING, "database_copied", text)
         if self._health.central_error is not None:
-            self._note(Severity.INFO, "central_back", f"{self._shipper.central} takes records again")
+            self.note(Severity.INFO, "central_back", f"{self._shipper.central} takes records again")
         self._health = replace(
             self._health,
             pending=done.pending,
@@ -210,7 +210,8 @@ class BackgroundWork:
             _LOG.warning("sums are not up to date: %s", error)
         self._health = replace(self._health, maintenance_error=error)
 
-    def _note(self, severity: Severity, code: str, text: str) -> None:
+    def note(self, severity: Severity, code: str, text: str) -> None:
+        """Record an event of the station; a database that does not take it is logged."""
         record = EventRecord(
             datetime.now(UTC), self._station, severity, "station.store", code, text, time.monotonic()
         )

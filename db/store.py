@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
 from types import TracebackType
 from typing import Any, Self
@@ -325,6 +325,10 @@ class ResultStore:
         with self._transaction() as connection:
             rows = connection.execute(select(events).order_by(events.c.id.desc()).limit(n)).mappings()
             return tuple(record_of(EventRecord, row) for row in rows)
+
+    def reading(self) -> AbstractContextManager[Connection]:
+        """One state of the database, for `db.retention` and others of this package."""
+        return self._transaction()
 
     @contextmanager
     def _transaction(self, writes: bool = False) -> Iterator[Connection]:

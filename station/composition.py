@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +20,7 @@ from sensors.drivers.recorded import recorded_rig
 from sensors.formats import read_calibration_file, write_calibration
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
+from station.archive import ArchivingObserver
 from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions
 from station.cycle import MeasuringCycle
 from station.line.bus import LineBus, open_bus
@@ -29,7 +30,7 @@ from station.line.interface import StationLine
 from station.line.messages import Mode
 from station.line.options import LineOptions
 from station.ports import Bounds, Identity, Observer
-from station.storing import describe_station, open_store
+from station.storing import StationStore, describe_station, open_archive, open_store
 from station.wheels import CalibrationInForce, WheelPosition, utc_now
 
 T = TypeVar("T")
@@ -100,12 +101,26 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
                 adjust_s=settings.cycle.adjust_timeout_s,
             ),
             settings.measure.coverage_factor,
-            observer,
+            _archiving(configuration, store, whole, observer or Observer(), stack),
         )
         stack.callback(cycle.close)
         cycle.start()
         describe_station(store.results, configuration, whole, utc_now())
         yield OpenStation(cycle, whole, store.results, store.background, line, database, bus)
+
+
+def _archiving(
+    configuration: Configuration,
+    store: StationStore,
+    positions: Sequence[WheelPosition],
+    observer: Observer,
+    stack: ExitStack,
+) -> Observer:
+    """The observer, with the archive of images before it when one is configured."""
+    archive = open_archive(configuration, store)
+    if archive is None:
+        return observer
+    return ArchivingObserver(observer, positions, stack.enter_context(archive))
 
 
 def bus_settings(configuration: Configuration) -> BusSettings:

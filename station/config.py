@@ -58,6 +58,22 @@ class DatabaseSettings(StrictModel):
     )
 
 
+class ArchiveSettings(StrictModel):
+    """Where images are kept, and how long; older ones make room for newer ones."""
+
+    folder: FilePath = Field(description="Folder of the images, relative to this file")
+    keep: Literal["all", "evidence"] = Field(
+        default="all", description="All images, or only those of wheels that were NOK, refused or failed"
+    )
+    most_gb: float = Field(default=100.0, gt=0, le=1e6, description="Largest size of all images, gigabytes")
+    ordinary_days: float = Field(
+        default=14.0, gt=0, le=36_500, description="Longest time of images of good wheels, days"
+    )
+    evidence_days: float = Field(
+        default=365.0, gt=0, le=36_500, description="Longest time of images of all other wheels, days"
+    )
+
+
 class LineSettings(StrictModel):
     """The bus to the PLC."""
 
@@ -232,6 +248,7 @@ class StationConfig(StrictModel):
 
     station: StationSettings = Field(description="Who this station is")
     database: DatabaseSettings = Field(description="Where results go")
+    archive: ArchiveSettings | None = Field(default=None, description="Where images are kept; none without")
     line: LineSettings = Field(description="The bus to the PLC")
     vehicle_types: FilePath = Field(description="Folder with one TOML file per vehicle type")
     cycle: CycleSettings = Field(default=CycleSettings(), description="Bounds of one measuring cycle")
@@ -289,7 +306,7 @@ class Configuration:
         Where results are stored is left out: it changes none, and may hold a password.
         """
         content = {
-            "station": self.settings.model_dump(mode="json", exclude={"database"}),
+            "station": self.settings.model_dump(mode="json", exclude={"database", "archive"}),
             "vehicle_types": [kind.model_dump(mode="json") for _, kind in sorted(self.vehicle_types.items())],
             "dbc": hashlib.sha256(self.path(self.settings.line.dbc).read_bytes()).hexdigest(),
         }

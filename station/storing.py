@@ -11,8 +11,11 @@ from importlib.metadata import version
 from db.background import BackgroundWork, StoreHealth
 from db.lock import station_lock
 from db.quality_records import InstallationRecord, StationRecord, VehicleTypeRecord
+from db.records import Severity
+from db.retention import Policy
 from db.shipping import Shipper
 from db.store import ResultStore
+from station.archive import ImageArchive
 from station.config import Configuration
 from station.vehicle_types import Tolerance, VehicleType
 from station.wheels import WheelPosition
@@ -70,8 +73,8 @@ def describe_station(
             valid_from_utc=now,
             software_version=version("truewheel"),
             config_hash=configuration.hash,
-            # As the hash, without the database: it decides no result, and may hold a password.
-            configuration=settings.model_dump(mode="json", exclude={"database"}),
+            # As the hash, without what decides no result and may hold a password.
+            configuration=settings.model_dump(mode="json", exclude={"database", "archive"}),
             rigs=tuple(position.name for position in positions),
         ),
         [
@@ -83,6 +86,19 @@ def describe_station(
             for position in positions
         ],
     )
+
+
+def open_archive(configuration: Configuration, store: StationStore) -> ImageArchive | None:
+    """Return the archive of images, to be entered; None when none is configured."""
+    settings = configuration.settings.archive
+    if settings is None:
+        return None
+    policy = Policy(int(1e9 * settings.most_gb), settings.ordinary_days, settings.evidence_days)
+
+    def note(text: str) -> None:
+        store.background.note(Severity.WARNING, "images_not_archived", text)
+
+    return ImageArchive(store.results, configuration.path(settings.folder), policy, settings.keep, note)
 
 
 def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:

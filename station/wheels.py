@@ -183,6 +183,8 @@ class WheelPosition:
         self._measure = measure
         self._settings = settings
         self._shoot_timeout_s = shoot_timeout_s
+        # The images of the newest cycle, for the archive; None when there are none.
+        self.last_shot: WheelShot | None = None
         self._clock = clock
         self._now = now
 
@@ -201,6 +203,7 @@ class WheelPosition:
 
         Of the zero measurements in force the one of this rig and calibration corrects the angles.
         """
+        self.last_shot = None
         calibration = self.in_force.calibration
         if not self.in_force.valid_at(self._now()):
             return self.failed(
@@ -212,7 +215,7 @@ class WheelPosition:
                 )
             )
         try:
-            shot = self.rig.shoot(self._shoot_timeout_s)
+            shot = self.last_shot = self.rig.shoot(self._shoot_timeout_s)
         except TruewheelError as error:
             return self.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
         try:

@@ -1,7 +1,7 @@
 """Start shippers one after the other and kill each in the middle of its work.
 
-Usage: python -m tests.db.kill_shipper LOCAL CENTRAL KILLS SEED. Cycles are written meanwhile; prints their UUIDs
-in the order of storing. A program of its own, because it forks: that starts a shipper in a millisecond.
+Usage: python -m tests.db.kill_shipper LOCAL CENTRAL KILLS SEED. Cycles are written meanwhile; prints their
+UUIDs in the order of storing. A program of its own, because it forks: that starts a shipper in a millisecond.
 """
 
 import os

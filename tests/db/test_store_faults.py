@@ -26,7 +26,6 @@ from db.migrate import migrate
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, cycle, wheel
 
-
 # More of them on request: `TRUEWHEEL_KILLS=1000 python -m pytest tests/db -k killed`.
 KILLS = int(os.environ.get("TRUEWHEEL_KILLS", "30"))
 
