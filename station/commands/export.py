@@ -43,7 +43,8 @@ def export(
         ExportKind,
         typer.Argument(
             help="aqdef: Q-DAS, one file .dfq, or .dfd and .dfx. csv, parquet: one row for each angle with "
-            "everything that explains it. certificate: PDF of one vehicle or one gauge study.",
+            "everything that explains it. certificate: PDF of one vehicle (the newest without --vin) or one "
+            "gauge study.",
             show_default=False,
         ),
     ],
@@ -129,15 +130,14 @@ def _certificate(
     from db.exports.certificate import write_vehicle_certificate
     from db.queries import ResultReader, vin_history
     from station.quality.gauge_store import load_study
+    from station.quality.selection import newest_vin
     from station.quality.study_certificate import write_study_certificate
 
-    if (vin is None) == (study is None):
-        raise ConfigurationError(
-            field="--vin, --study", expected="one of both", seen="none" if vin is None else "both"
-        )
+    if vin is not None and study is not None:
+        raise ConfigurationError(field="--vin, --study", expected="one of both", seen="both")
     now = datetime.now(UTC)
-    if vin is None:
-        stored = load_study(database, None, str(study))
+    if study is not None:
+        stored = load_study(database, None, study)
         report = write_study_certificate(out, stored, created=now)
         return {"files": [str(out)], "assessment": report.assessment} | report.result.as_json()
     try:
@@ -145,6 +145,6 @@ def _certificate(
     except ValueError:
         raise ConfigurationError(field="--cycle", expected="a UUID", seen=ascii(cycle)) from None
     with ResultReader(database) as reader:
-        history = vin_history(reader, vin)
+        history = vin_history(reader, newest_vin(reader) if vin is None else vin)
         written = write_vehicle_certificate(out, history, created=now, cycle=wanted, source=reader.where)
     return {"files": [str(out)], "cycle": str(written), "figures": {"cycles": len(history.cycles)}}

@@ -31,8 +31,10 @@ LONGEST_TABLE = 30
 
 
 def report(
-    kind: Annotated[ReportKind, typer.Argument(help="What is asked; all is everything but vin.")],
     database: DatabaseOption,
+    kind: Annotated[
+        ReportKind, typer.Argument(help="What is asked; all is everything but vin.")
+    ] = ReportKind.ALL,
     from_time: FromOption = None,
     until_time: UntilOption = None,
     shift: ShiftOption = None,

@@ -5,10 +5,13 @@ from __future__ import annotations
 from datetime import UTC, datetime, time
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from alignment.errors import ConfigurationError
-from db.queries import Filter, Shift
+import numpy as np
+
+from alignment.errors import ConfigurationError, InputError
+from db.queries import Filter, ResultReader, Shift, value_series
 from db.records import Verdict
 from station.quality.periods import read_time
+from station.quality.report_values import wheel_angles
 
 _LONGEST_DEFAULT = "30d"
 
@@ -52,6 +55,23 @@ def read_filter(
         vin=vin,
         shift=None if shift is None else read_shift(shift, timezone),
     )
+
+
+def newest_vin(reader: ResultReader) -> str:
+    """The vehicle that was measured last, of those with a measured wheel.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    found: list[tuple[np.datetime64, str]] = []
+    for characteristic in wheel_angles(reader, Filter()):
+        series = value_series(reader, characteristic, newest=1)
+        found += [(time, str(vin)) for time, vin in zip(series.time, series.vin, strict=True) if vin]
+    if not found:
+        raise InputError(field="--vin", expected=f"a measured vehicle in {reader.where}", seen="none")
+    return max(found)[1]
 
 
 def read_shift(text: str, timezone: str) -> Shift:

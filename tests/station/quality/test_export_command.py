@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
+from uuid import UUID
 
 import pyarrow.parquet as pq
 import pytest
@@ -74,6 +75,12 @@ def test_certificates_of_a_vehicle_and_of_a_study(month: str, run: Run, tmp_path
     assert (status, err) == (0, "")
     assert json.loads(out)["figures"] == {"cycles": 1}
     assert (tmp_path / "v.pdf").read_bytes().startswith(b"%PDF-")
+    # Without a VIN it is the newest vehicle's.
+    status, out, err = run(
+        "export", "certificate", "--database", month, "--out", tmp_path / "n.pdf", "--json"
+    )
+    assert (status, err) == (0, "")
+    assert json.loads(out)["cycle"] == str(UUID(int=2 * PER_STATION))
 
 
 def test_certificate_of_a_study_from_a_file(run: Run, tmp_path: Path) -> None:
@@ -116,7 +123,7 @@ def test_certificate_of_a_study_from_a_file(run: Run, tmp_path: Path) -> None:
         (["csv", "--out", "r.csv", "--shift", "06:00-14:00", "--timezone", "Mars/Olympus"], "timezone"),
         (["csv", "--out", "r.csv", "--verdict", "perhaps"], "--verdict"),
         (["csv", "--out", "/nowhere/r.csv"], "/nowhere"),
-        (["certificate", "--out", "r.pdf"], "--vin, --study"),
+        (["certificate", "--out", "r.pdf", "--vin", "X", "--study", "Y"], "--vin, --study"),
         (["certificate", "--out", "r.pdf", "--vin", "NOBODY"], "NOBODY"),
         (["certificate", "--out", "r.pdf", "--vin", "X", "--cycle", "7"], "--cycle"),
         (["certificate", "--out", "r.pdf", "--study", "none"], "gauge list"),
