@@ -12,6 +12,7 @@ import typer
 
 from alignment.errors import ConfigurationError, InputError, SeveralErrors, StoreSchemaError, TruewheelError
 from station.commands import wheel
+from station.commands.bench import bench
 from station.commands.calibrate import calibrate
 from station.commands.calibration import calibration_app
 from station.commands.calibration_frame import simulate_gauge_session_command
@@ -42,6 +43,7 @@ app.command()(calibrate)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
 wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
+app.command()(bench)
 app.command()(export)
 app.command()(report)
 app.add_typer(wheel.simulate_app, name="simulate")

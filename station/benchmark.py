@@ -1,0 +1,234 @@
+"""`measure_wheel` on six images in memory, beside dense stereo and a RANSAC plane on the same images.
+
+The peers are what one would reach for without this program: OpenCV's semi-global matching on rectified
+images, its points of all heads in the rig frame, and Open3D's RANSAC plane through them. A Gaussian blur of
+the same six images is the floor that any look at every pixel stays above.
+
+The measurement is timed in a process of its own that does nothing else, as a station's does: the renderer
+and the peers bring thread pools along that would take the cores.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import measure
+from alignment.errors import DegenerateInputError
+from alignment.geometry.transforms import RigidTransform
+from alignment.measure import measure_wheel
+from alignment.values import (
+    HeadCalibration,
+    MeasureSettings,
+    RigCalibration,
+    StereoImages,
+    WheelMeasurement,
+)
+from alignment.vehicle.angles import camber_toe
+
+Array = NDArray[np.float64]
+
+WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
+CAMBER, TOE, SEED = math.radians(1.0), math.radians(-0.5), 1
+MOST_MS, LEAST_SPEEDUP, MOST_MEMORY_MB = 25.0, 60.0, 1000.0
+_ARCMIN = math.pi / 10800.0
+#: What `measure_wheel` calls, in the order of its work.
+STAGES = {
+    "extraction": "extract_many",
+    "correspondence": "match_heads",
+    "choice_of_surface": "plane_hypotheses",
+    "fit": "fit_revolution",
+    "agreement_of_heads": "head_misfits",
+}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A rendered wheel, the true cameras, and the true angles in radians."""
+
+    images: Sequence[StereoImages]
+    calibration: RigCalibration
+    camber: float
+    toe: float
+
+
+def render_sample() -> Sample:
+    """Render one wheel, 1280 × 1024, lettering and noise on."""
+    from sensors.simulation.render import simulate_shot
+    from sensors.simulation.rigs import RIG_SPECS, build_rig
+    from sensors.simulation.scene import draw_pose, draw_scene, truth_of
+
+    rng = np.random.default_rng(SEED)
+    spec = RIG_SPECS["standard"]
+    calibration = build_rig(spec, "front_left", "left", rng)
+    scene = draw_scene(spec, "left", draw_pose(rng, CAMBER, TOE), rng, seed=SEED)
+    truth = truth_of(scene)
+    images = simulate_shot(scene, calibration, rng).images
+    return Sample(images, calibration, math.radians(truth.camber_deg), math.radians(truth.toe_deg))
+
+
+class DenseStereo:
+    """One head's peer: rectification tables made beforehand, then matching and reprojection per shot."""
+
+    def __init__(self, head: HeadCalibration, depth_range: tuple[float, float]) -> None:
+        left, right = head.left.model, head.right.model
+        right_from_left = head.right.rig_from_camera.inverse() @ head.left.rig_from_camera
+        size = (left.width, left.height)
+        r1, r2, p1, p2, self._q, *_ = cv2.stereoRectify(
+            left.matrix,
+            np.array(left.coefficients),
+            right.matrix,
+            np.array(right.coefficients),
+            size,
+            right_from_left.rotation,
+            right_from_left.translation.reshape(3, 1),
+        )
+        self._maps = [
+            cv2.initUndistortRectifyMap(m.matrix, np.array(m.coefficients), r, p, size, cv2.CV_16SC2)
+            for m, r, p in ((left, r1, p1), (right, r2, p2))
+        ]
+        self._rig_from_rectified = head.left.rig_from_camera @ RigidTransform(
+            np.asarray(r1.T, dtype=np.float64), np.zeros(3)
+        )
+        height = head.left.rig_from_camera.translation[2]
+        baseline = float(np.linalg.norm(right_from_left.translation))
+        near, far = height - depth_range[1], height - depth_range[0]
+        shift = p1[0, 2] - p2[0, 2]
+        low = p1[0, 0] * baseline / far - abs(shift)
+        count = math.ceil((p1[0, 0] * baseline * (1 / near - 1 / far) + 2 * abs(shift)) / 16 + 1) * 16
+        self._matcher = cv2.StereoSGBM.create(
+            minDisparity=int(low), numDisparities=count, blockSize=5, P1=200, P2=800, uniquenessRatio=10
+        )
+
+    def points(self, pair: StereoImages) -> Array:
+        """Points (N, 3) of the lit pixels, rig frame."""
+        left, right = (
+            cv2.remap(image, *maps, cv2.INTER_LINEAR)
+            for image, maps in zip((pair.left, pair.right), self._maps, strict=True)
+        )
+        disparity = self._matcher.compute(left, right).astype(np.float32) / 16.0
+        points = cv2.reprojectImageTo3D(disparity, self._q)
+        lit = (disparity > self._matcher.getMinDisparity()) & (left > 30)
+        return self._rig_from_rectified.apply(points[lit].astype(np.float64))
+
+
+def dense_plane(peers: Sequence[DenseStereo], images: Sequence[StereoImages]) -> Array:
+    """Outboard normal (3,) of the RANSAC plane through the dense points of all heads."""
+    import open3d as o3d
+
+    points = np.concatenate([peer.points(pair) for peer, pair in zip(peers, images, strict=True)])
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    plane, _ = cloud.segment_plane(distance_threshold=5.0, ransac_n=3, num_iterations=1000)
+    normal = np.asarray(plane[:3]) / np.linalg.norm(plane[:3])
+    return normal if normal[2] > 0 else -normal
+
+
+def median_ms(action: Callable[[], object], repeats: int) -> float:
+    """Median wall time of an action, milliseconds, after one run to warm up."""
+    action()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times) * 1e3
+
+
+def measure_alone() -> None:
+    """Time the measurement of the images on standard input; figures as JSON on standard output."""
+    images, calibration, repeats = pickle.load(sys.stdin.buffer)
+    settings, whole = MeasureSettings(), []
+    warm = time.perf_counter() + WARM_UP_S
+    while time.perf_counter() < warm:
+        measure_wheel(images, calibration, settings)
+    for _ in range(repeats):
+        start = time.perf_counter()
+        measure_wheel(images, calibration, settings)
+        whole.append(time.perf_counter() - start)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    spent: dict[str, list[float]] = {stage: [] for stage in STAGES}
+
+    def timed(function: Callable[..., object], into: list[float]) -> Callable[..., object]:
+        def call(*args: object, **keywords: object) -> object:
+            start = time.perf_counter()
+            result = function(*args, **keywords)
+            into[-1] += time.perf_counter() - start
+            return result
+
+        return call
+
+    # The clocks come after the whole is timed, so that they do not count.
+    for stage, name in STAGES.items():
+        setattr(measure, name, timed(getattr(measure, name), spent[stage]))
+    for _ in range(repeats):
+        for times in spent.values():
+            times.append(0.0)
+        measure_wheel(images, calibration, settings)
+    stages = {stage: 1e3 * statistics.median(times) for stage, times in spent.items()}
+    sys.stdout.write(json.dumps({"ms": 1e3 * statistics.median(whole), "peak_mb": peak_mb, "stages": stages}))
+
+
+def alone(sample: Sample, repeats: int) -> dict[str, Any]:
+    """Median time, stages and peak memory of a warm process that only measures."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"from {__name__} import measure_alone; measure_alone()"],
+        input=pickle.dumps((sample.images, sample.calibration, repeats)),
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    figures: dict[str, Any] = json.loads(done.stdout)
+    return figures
+
+
+def run(repeats: int = 15) -> dict[str, float]:
+    """Time everything on one rendered wheel and return the figures."""
+    sample, settings = render_sample(), MeasureSettings()
+    ours = measure_wheel(sample.images, sample.calibration, settings)
+    if not isinstance(ours, WheelMeasurement):
+        raise DegenerateInputError(field="sample", expected="a wheel that can be measured", seen=ours.reason)
+    timing = alone(sample, repeats)
+    peers = [DenseStereo(head, settings.depth_range_mm) for head in sample.calibration.heads]
+    normal = dense_plane(peers, sample.images)
+    rotation = sample.calibration.vehicle_from_rig
+    camber, toe = camber_toe(rotation.apply_vectors(normal), sample.calibration.side)
+    every = [image for pair in sample.images for image in (pair.left, pair.right)]
+
+    dense_ms = median_ms(lambda: dense_plane(peers, sample.images), max(2, repeats // 5))
+    blur_ms = median_ms(lambda: [cv2.GaussianBlur(image, (0, 0), 1.5) for image in every], repeats)
+    return {
+        "measure_wheel_ms": timing["ms"],
+        "sgbm_ransac_ms": dense_ms,
+        "gaussian_blur_ms": blur_ms,
+        "speedup_over_sgbm_ransac": dense_ms / timing["ms"],
+        "ratio_to_gaussian_blur": timing["ms"] / blur_ms,
+        "peak_memory_mb": timing["peak_mb"],
+        "camber_error_arcmin": (ours.camber - sample.camber) / _ARCMIN,
+        "toe_error_arcmin": (ours.toe - sample.toe) / _ARCMIN,
+        "sgbm_camber_error_arcmin": (camber - sample.camber) / _ARCMIN,
+        "sgbm_toe_error_arcmin": (toe - sample.toe) / _ARCMIN,
+        **{f"{stage}_ms": value for stage, value in timing["stages"].items()},
+    }
+
+
+def goals(
+    figures: dict[str, float], least_speedup: float | None = None, most_ms: float | None = None
+) -> bool:
+    """Tell whether time, speed-up and memory are what they should be; by default, the product's goals."""
+    return (
+        figures["measure_wheel_ms"] <= (MOST_MS if most_ms is None else most_ms)
+        and figures["speedup_over_sgbm_ransac"] >= (LEAST_SPEEDUP if least_speedup is None else least_speedup)
+        and figures["peak_memory_mb"] < MOST_MEMORY_MB
+    )

@@ -1,0 +1,40 @@
+"""`truewheel bench`: speed and accuracy of one measurement beside its peers."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+
+
+def bench(
+    repeats: Annotated[int, typer.Option(help="Timed measurements.", min=3, max=1000)] = 25,
+    as_json: JsonFlag = False,
+) -> None:
+    """Time one wheel's measurement beside dense stereo with a RANSAC plane, in one run, stage by stage.
+
+    Exit status 1 when a goal is missed. Times mean something on a machine that does nothing else.
+    """
+    from station.benchmark import LEAST_SPEEDUP, MOST_MEMORY_MB, MOST_MS, goals, run
+
+    figures = run(repeats)
+    met = goals(figures)
+    if as_json:
+        wanted = {
+            "measure_wheel_ms": f"≤ {MOST_MS:g}",
+            "speedup_over_sgbm_ransac": f"≥ {LEAST_SPEEDUP:g}",
+            "peak_memory_mb": f"< {MOST_MEMORY_MB:g}",
+        }
+        print_json({"figures": figures, "goals": wanted, "goals_met": met, "cores": os.cpu_count()})
+    else:
+        for name, value in figures.items():
+            typer.echo(f"{name:28s} {value:12.3f}")
+        typer.echo(
+            f"goals: at most {MOST_MS:g} ms, {LEAST_SPEEDUP:g} times faster than the peers, under "
+            f"{MOST_MEMORY_MB:g} MB: {'met' if met else 'MISSED'}"
+        )
+    if not met:
+        raise typer.Exit(GOAL_MISSED)
