@@ -295,7 +295,8 @@ def _without_appraisers(
     if method is GrrMethod.RANGE:
         return _average_and_range(data, crossed(data), tolerance, multiplier)
     names = list(dict.fromkeys(data.parts))
-    owner = np.array([names.index(part) for part in data.parts])
+    place = {name: number for number, name in enumerate(names)}
+    owner = np.array([place[part] for part in data.parts])
     groups = [data.values[owner == number] for number in range(len(names))]
     found = one_way(groups, "part", "repeatability")
     sizes = {len(group) for group in groups}

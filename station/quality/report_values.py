@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 NEWEST = 20_000
 """Single values that distributions and charts take at most, the newest ones."""
 _PICTURES = 16
+_DRAWN = 2000  # points of a chart that are drawn, the newest ones; signals are listed for all
 _BINS = 40
 _DEG = 180.0 / math.pi
 _SPLITS: dict[SplitBy, tuple[GroupBy, ...]] = {
@@ -276,18 +278,19 @@ def _histogram(found: StoredMoments, values: Array) -> Picture:
 def _chart_picture(
     characteristic: Characteristic, chart: ControlChart, track: Track, series: ValueSeries, relative: bool
 ) -> Picture:
-    points = [track_index(chart, track, index) for index in range(len(track.points))]
-    vins = [str(series.vin[index]) for index in points]
-    x = list(range(1, len(points) + 1))
-    traces = [Trace(track.name, "line", x, track.points.tolist(), vins)]
-    flagged = sorted({signal.index for signal in track.signals})
-    if flagged:
-        texts = [
-            f"{vins[index]}: {', '.join(s.text for s in track.signals if s.index == index)}"
-            for index in flagged
-        ]
-        y = [float(track.points[index]) for index in flagged]
-        traces.append(Trace("signal", "points", [x[index] for index in flagged], y, texts, "signal"))
+    first = max(0, len(track.points) - _DRAWN)
+    drawn = range(first, len(track.points))
+    vins = [str(series.vin[track_index(chart, track, index)]) for index in drawn]
+    line = Trace(track.name, "line", [index + 1 for index in drawn], track.points[first:].tolist(), vins)
+    traces = [line]
+    said: dict[int, list[str]] = defaultdict(list)
+    for signal in track.signals:
+        if signal.index >= first:
+            said[signal.index].append(signal.text)
+    if said:
+        texts = [f"{vins[index - first]}: {', '.join(found)}" for index, found in said.items()]
+        y = [float(track.points[index]) for index in said]
+        traces.append(Trace("signal", "points", [index + 1 for index in said], y, texts, "signal"))
     levels = {"centre": track.centre, "control upper": track.upper, "control lower": track.lower}
     unit = "degrees from the middle of the limits" if relative else "degrees"
     return Picture(
