@@ -120,9 +120,10 @@ def test_method_of_the_ridges_may_refuse_without_ending_the_grid(
         return real(images, cameras, settings)  # type: ignore[arg-type]
 
     monkeypatch.setattr(wheel_grid, "measure_wheel", measure)
+    monkeypatch.setattr(wheel_grid, "measure_zeros", lambda *_: {"1": (0.0, 0.0)})
     monkeypatch.setattr(wheel_grid, "poses", lambda quick: [(0.0, 0.0)])
     monkeypatch.setattr(wheel_grid, "calibrate_from_plate", lambda *_: replace(calibration))
     monkeypatch.setattr(wheel_grid, "study_rig", lambda *_: rig)
     case = wheel_grid.Case("standard", "touring", 1)
-    readings = wheel_grid.measure_case(case, 3, True, silent)
+    readings = wheel_grid.measure_case(case, 3, True, silent).readings
     assert {reading.by for reading in readings} == {"1", wheel_grid.TRUE}
