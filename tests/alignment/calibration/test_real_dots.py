@@ -1,8 +1,9 @@
 """Photographs of dots by a stereo endoscope: the published cameras are found again from the published places.
 
-They are the minimum with one focal length for both axes, a free centre and k1 alone, from the one view of one
-plane, every line counted (the images hold every second one). One slanted plane tells no more: aspect and k2 as
-further unknowns take the focal length some percent away at hardly smaller residuals, as their uncertainties say.
+They are the minimum with one focal length for both axes, a free centre and k1 alone, from the one view of
+one plane, every line counted (the images hold every second one). One slanted plane tells no more: aspect and
+k2 as further unknowns take the focal length some percent away at hardly smaller residuals, as their
+uncertainties say.
 """
 
 from pathlib import Path
