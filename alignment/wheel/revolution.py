@@ -190,6 +190,33 @@ def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     return covariance
 
 
+def least_covariance(points: Array, sigma: Array, rays: Array, fit: RevolutionFit) -> Array:
+    """(2, 2) Cramér–Rao bound of the tilts along `fit.tilt_axes`, radians².
+
+    No unbiased estimate from these points has less, if they err along their rays by `sigma` and by nothing
+    else, and neither profile nor axis are known. Parameters as for `fit_revolution`.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the points do not determine an axis.
+    """
+    frame = np.vstack([fit.tilt_axes, fit.normal])
+    data, still = _Data.of(points, sigma, rays), _Data.of(points, np.zeros(len(points)), rays)
+    for each in (data, still):
+        kernels.rows(
+            each.points, each.sigma, each.rays, fit.centre, frame, fit.knots_start, fit.knots_step,
+            fit.profile, each.values, each.deviation, each.jacobian, each.first,
+        )  # fmt: skip
+    variance = data.deviation**2 - still.deviation**2
+    weight = np.where((data.first >= 0) & (variance > 0.0), 1.0 / np.maximum(variance, 1e-30), 0.0)
+    corner, side, band, _ = system(data.values, weight, data.jacobian, data.first, fit.profile)
+    inverse = np.eye(AXIS + len(fit.profile), 2)
+    if not solve_arrow(corner, side, band, inverse):
+        raise _undetermined()
+    return inverse[:2]
+
+
 def _undetermined() -> DegenerateInputError:
     return DegenerateInputError(
         field="points", expected="points that determine an axis", seen="a singular fit"

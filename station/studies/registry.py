@@ -13,6 +13,7 @@ STUDIES = {
     "covariance": "station.studies.covariance",
     "coverage": "station.studies.coverage",
     "degraded": "station.studies.degraded",
+    "efficiency": "station.studies.efficiency",
     "lenz-tsai": "station.studies.lenz_tsai",
     "line-endurance": "station.studies.line_endurance",
     "line-noise": "station.studies.line_noise",

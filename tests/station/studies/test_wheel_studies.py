@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
-from station.studies import degraded, repeatability, wheel_grid
+from station.studies import degraded, efficiency, repeatability, wheel_grid
 from station.studies.coverage import drawn
 from station.studies.degraded import degraded_shot, row_of, summarise
 from station.studies.study import Row
@@ -52,6 +52,13 @@ def test_repeatability_of_two_shots(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.figures["camber_standard_deviation_arcmin"] < 0.04
     assert result.figures["toe_standard_deviation_arcmin"] < 0.04
     assert len(result.rows) == 2
+
+
+def test_scatter_of_the_robust_fit_is_near_the_least_that_its_points_allow() -> None:
+    result = efficiency.run(2, True, silent)
+    assert all(goal.met(result.figures[goal.figure]) for goal in result.goals)
+    assert result.figures["largest_ratio_to_cramer_rao"] > 0.8
+    assert 0.8 < result.figures["stated_over_scatter"] < 1.3
 
 
 def test_cameras_are_drawn_with_the_covariance_that_is_stated(
