@@ -1,19 +1,25 @@
-"""`truewheel line plc` and `truewheel line monitor`."""
+"""`truewheel line …`: the bus between PLC and station."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
 
 if TYPE_CHECKING:
+    import can
+
     from station.config import Configuration
     from station.line.channel import BusSettings
+    from station.line.conformance import Trial, Vehicles, Verdict
+    from station.line.dbc import LineDatabase
+    from station.line.orders import PlcOrder, PlcResult
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
 
@@ -29,68 +35,107 @@ InterfaceOption = Annotated[
 ChannelOption = Annotated[
     str | None, typer.Option(help="Channel instead of the configured one.", show_default=False)
 ]
+SimulatedFlag = Annotated[
+    bool, typer.Option("--simulated", help="A station with prepared shots, started for this.")
+]
 
 
 @line_app.command()
 def plc(
-    vin: Annotated[list[str], typer.Option(help="VIN of a vehicle; repeat it for several.")],
+    vin: Annotated[
+        list[str] | None, typer.Option(help="VIN of a vehicle; repeat it for several.", show_default=False)
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="File of scenarios to play instead.", show_default=False)
+    ] = None,
     vehicle_type: Annotated[int, typer.Option(help="Number of the vehicle type.", min=0, max=65535)] = 1,
     wheel: Annotated[
         list[str] | None, typer.Option(help="Wheel to measure; repeat it.", show_default="all")
     ] = None,
+    simulated: SimulatedFlag = False,
     config: ConfigOption = None,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Play the PLC: trigger a station for each VIN and show its answers; exit status 1 unless all are ok."""
-    from station.line.messages import Outcome
-    from station.line.orders import PlcOrder
-    from station.line.plc import run_plc
+    """Play the PLC against a station: vehicles by their VIN, or a file of scenarios.
 
-    configuration = _read(config)
-    orders = [PlcOrder(one, vehicle_type, tuple(wheel) if wheel else None) for one in vin]
-    dbc = configuration.path(configuration.settings.line.dbc)
-    answers = []
-    for result in run_plc(_bus(configuration, interface, channel), dbc, orders):
-        answers.append(result)
-        if not as_json:
-            typer.echo(
-                f"{result.order.vin if result.order else 'held from before:'} {result.vehicle.outcome}"
-            )
-            for answer in result.wheels:
-                angles = (
-                    ""
-                    if answer.camber_deg is None or answer.toe_deg is None
-                    else f"  camber {answer.camber_deg:+.4f}°  toe {answer.toe_deg:+.4f}°"
-                )
-                typer.echo(f"  {answer.wheel:<12} {answer.outcome}{angles}")
-    if as_json:
-        print_json(
-            {
-                "vehicles": [
-                    {
-                        "vin": result.order.vin if result.order else None,
-                        "sequence": result.sequence,
-                        "outcome": str(result.vehicle.outcome),
-                        "wheels": [asdict(answer) for answer in result.wheels],
-                        "axles": [asdict(answer) for answer in result.axles],
-                        "thrust_angle_deg": result.vehicle.thrust_angle_deg,
-                        "busy_after_s": result.busy_s - result.started_s,
-                        "done_after_s": result.done_s - result.started_s,
-                    }
-                    for result in answers
-                ]
-            }
+    Exit status 1 unless all vehicles are ok, or all scenarios are answered as they must be.
+    """
+    from alignment.errors import ConfigurationError
+    from station.line.orders import PlcOrder
+    from station.line.scenarios import play_scenarios, read_scenarios
+    from station.line.vin import checked_vin
+
+    if (vin is None) == (scenario is None):
+        raise ConfigurationError(
+            field="--vin, --scenario", expected="either VINs or a scenario file", seen="both or none"
         )
-    if any(result.vehicle.outcome is not Outcome.OK for result in answers):
-        raise typer.Exit(GOAL_MISSED)
+    file = None if scenario is None else read_scenarios(scenario)
+    orders = [PlcOrder(checked_vin(one), vehicle_type, tuple(wheel) if wheel else None) for one in vin or []]
+    configuration = _read(config)
+    database = _database(configuration)
+    with _reached(_bus(configuration, interface, channel), database, simulated) as settings:
+        if file is None:
+            _order_vehicles(settings, database, orders, as_json)
+            return
+        with _trial(settings, database, file.vehicle.vehicles()) as trial:
+            played = [
+                (one.scenario, _said(one.verdict, one.scenario, as_json))
+                for one in play_scenarios(file, trial)
+            ]
+    verdicts = [verdict for _, verdict in played]
+    if as_json:
+        rows = [{"scenario": name, **_as_json(verdict)} for name, verdict in played]
+        print_json({"figures": _counted(verdicts), "played": rows})
+    _end(verdicts)
+
+
+@line_app.command()
+def check(
+    simulated: SimulatedFlag = False,
+    vin: Annotated[str, typer.Option(help="VIN of the vehicle that stands there.")] = "TWCHKX00000000001",
+    vehicle_type: Annotated[
+        int, typer.Option(help="Number of a vehicle type that the station knows.", min=0, max=65535)
+    ] = 1,
+    unknown_type: Annotated[
+        int, typer.Option(help="Number of one that it does not know.", min=0, max=65535)
+    ] = 65_535,
+    patience_s: Annotated[
+        float, typer.Option(help="Longest time that a measurement takes.", min=1, max=3600)
+    ] = 60.0,
+    config: ConfigOption = None,
+    interface: InterfaceOption = None,
+    channel: ChannelOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Try out on a station everything that the line interface demands; exit status 1 unless all is passed."""
+    from station.line.conformance import Vehicles, check_station
+    from station.line.vin import checked_vin
+
+    vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s)
+    configuration = _read(config)
+    database = _database(configuration)
+    with (
+        _reached(_bus(configuration, interface, channel), database, simulated) as settings,
+        _trial(settings, database, vehicles) as trial,
+    ):
+        verdicts = [_said(verdict, None, as_json) for verdict in check_station(trial)]
+    if as_json:
+        print_json({"figures": _counted(verdicts), "points": [_as_json(verdict) for verdict in verdicts]})
+    else:
+        typer.echo(f"{_counted(verdicts)['passed']} of {len(verdicts)} points passed")
+    _end(verdicts)
 
 
 @line_app.command()
 def monitor(
     log: Annotated[
         Path | None, typer.Argument(help="Recorded traffic (.log, .asc, .blf).", show_default="live")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File that takes the frames too (.log, .asc, .blf).", show_default=False),
     ] = None,
     seconds: Annotated[float, typer.Option(help="How long to listen live.", min=0.1, max=1e6)] = 10.0,
     config: ConfigOption = None,
@@ -100,30 +145,59 @@ def monitor(
 ) -> None:
     """Show traffic decoded by the DBC, live or from a log; exit status 1 when a frame was in error."""
     from station.line.bus import open_bus
-    from station.line.dbc import load_line_database
-    from station.line.monitor import DecodedFrame, decode_log, watch
+    from station.line.monitor import decoded, live_frames, read_log, recorded
 
     configuration = _read(config)
-    database = load_line_database(configuration.path(configuration.settings.line.dbc))
-
-    def frames() -> Iterator[DecodedFrame]:
-        if log is not None:
-            yield from decode_log(log, database)
-            return
-        with open_bus(_bus(configuration, interface, channel)) as bus:
-            yield from watch(bus, database, seconds)
-
+    database = _database(configuration)
     errors, shown = 0, []
-    for frame in frames():
-        errors += frame.error is not None
-        if as_json:
-            shown.append(asdict(frame))
+    with ExitStack() as stack:
+        frames: Iterable[can.Message]
+        if log is not None:
+            frames = read_log(log)
         else:
-            typer.echo(str(frame))
+            bus = stack.enter_context(open_bus(_bus(configuration, interface, channel)))
+            frames = live_frames(bus, seconds)
+        if out is not None:
+            frames = recorded(frames, out)
+        for frame in decoded(frames, database):
+            errors += frame.error is not None
+            if as_json:
+                shown.append(asdict(frame))
+            else:
+                typer.echo(str(frame))
     if as_json:
         print_json({"frames": shown, "errors": errors})
     if errors:
         raise typer.Exit(GOAL_MISSED)
+
+
+@line_app.command()
+def cable(as_json: JsonFlag = False) -> None:
+    """Join two serial devices back to back until SIGINT or SIGTERM: a line without hardware."""
+    import threading
+
+    from station.app import stop_on_signals
+    from station.line.cable import SLCAN_OPTIONS, Cable
+
+    stopping = threading.Event()
+    with stop_on_signals(stopping), Cable() as opened:
+        if as_json:
+            print_json({"interface": "slcan", "ends": list(opened.ends), "options": SLCAN_OPTIONS})
+        else:
+            typer.echo(f"interface slcan, options {SLCAN_OPTIONS}: {opened.ends[0]} and {opened.ends[1]}")
+        stopping.wait()
+
+
+@line_app.command()
+def document(
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("docs/line-interface.md"),
+    config: ConfigOption = None,
+) -> None:
+    """Write the description of the line interface, from the DBC and the program's own tables."""
+    from station.line.document import interface_document
+
+    out.write_text(interface_document(_database(_read(config))), encoding="utf-8")
+    typer.echo(f"wrote {out}")
 
 
 def _read(config: Path | None) -> Configuration:
@@ -132,9 +206,111 @@ def _read(config: Path | None) -> Configuration:
     return read_configuration(default_config(config))
 
 
+def _database(configuration: Configuration) -> LineDatabase:
+    from station.line.dbc import load_line_database
+
+    return load_line_database(configuration.path(configuration.settings.line.dbc))
+
+
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
+    from station.line.cable import SLCAN_OPTIONS
     from station.line.channel import BusSettings
 
     line = configuration.settings.line
-    settings = BusSettings(line.interface, line.channel, line.bitrate)
-    return replace(settings, interface=interface or settings.interface, channel=channel or settings.channel)
+    settings = BusSettings(line.interface, line.channel, line.bitrate, options=line.options)
+    if interface is not None and interface != line.interface:
+        # The configured options are another interface's.
+        options = SLCAN_OPTIONS if interface == "slcan" else {}
+        settings = replace(settings, interface=interface, options=options)
+    return replace(settings, channel=channel or settings.channel)
+
+
+@contextmanager
+def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> Iterator[BusSettings]:
+    """The configured bus, or that of a station which is started here."""
+    if not simulated:
+        yield settings
+        return
+    from station.rehearsal.simulated import simulated_station
+
+    with simulated_station(database) as own:
+        yield own
+
+
+@contextmanager
+def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) -> Iterator[Trial]:
+    from station.line.bus import open_bus
+    from station.line.conformance import Trial
+    from station.line.orders import PlcTimeouts
+    from station.line.plc import PlcSimulator
+
+    timeouts = PlcTimeouts(done_s=vehicles.patience_s)
+    with open_bus(settings) as bus, PlcSimulator(bus, database, timeouts=timeouts) as simulator:
+        simulator.connect()
+        yield Trial(simulator, database, vehicles)
+
+
+def _order_vehicles(
+    settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], as_json: bool
+) -> None:
+    from station.line.messages import Outcome
+    from station.line.plc import run_plc
+
+    results = []
+    for result in run_plc(settings, database.file, orders):
+        results.append(result)
+        if not as_json:
+            _show(result)
+    if as_json:
+        print_json({"vehicles": [_vehicle_as_json(result) for result in results]})
+    if any(result.vehicle.outcome is not Outcome.OK for result in results):
+        raise typer.Exit(GOAL_MISSED)
+
+
+def _show(result: PlcResult) -> None:
+    typer.echo(f"{result.order.vin if result.order else 'held from before:'} {result.vehicle.outcome}")
+    for answer in result.wheels:
+        angles = (
+            ""
+            if answer.camber_deg is None or answer.toe_deg is None
+            else f"  camber {answer.camber_deg:+.4f}°  toe {answer.toe_deg:+.4f}°"
+        )
+        typer.echo(f"  {answer.wheel:<12} {answer.outcome}{angles}")
+
+
+def _vehicle_as_json(result: PlcResult) -> dict[str, Any]:
+    return {
+        "vin": result.order.vin if result.order else None,
+        "sequence": result.sequence,
+        "outcome": str(result.vehicle.outcome),
+        "wheels": [asdict(answer) for answer in result.wheels],
+        "axles": [asdict(answer) for answer in result.axles],
+        "thrust_angle_deg": result.vehicle.thrust_angle_deg,
+        "busy_after_s": result.busy_s - result.started_s,
+        "done_after_s": result.done_s - result.started_s,
+    }
+
+
+def _said(verdict: Verdict, scenario: str | None, as_json: bool) -> Verdict:
+    if not as_json:
+        head = "" if scenario is None else f"{scenario}: "
+        typer.echo(
+            f"{'passed' if verdict.passed else 'FAILED'}  {head}{verdict.point:<24} {verdict.requirement}"
+        )
+        if verdict.failure is not None:
+            typer.echo(f"        {verdict.failure}")
+    return verdict
+
+
+def _as_json(verdict: Verdict) -> dict[str, Any]:
+    return {**asdict(verdict), "passed": verdict.passed}
+
+
+def _counted(verdicts: list[Verdict]) -> dict[str, int]:
+    passed = sum(verdict.passed for verdict in verdicts)
+    return {"passed": passed, "failed": len(verdicts) - passed}
+
+
+def _end(verdicts: list[Verdict]) -> None:
+    if not all(verdict.passed for verdict in verdicts):
+        raise typer.Exit(GOAL_MISSED)

@@ -78,6 +78,8 @@ class LineBus:
         Wall clock for the log alone, and monotonic seconds.
     released
         Called when the bus is closed for good.
+    name
+        For messages; what the adapter calls itself without.
 
     Raises
     ------
@@ -92,11 +94,12 @@ class LineBus:
         now: Callable[[], float] = time.time,
         clock: Callable[[], float] = time.monotonic,
         released: Callable[[], None] = lambda: None,
+        name: str | None = None,
     ) -> None:
         self._opened = opened
         self._released = released
         self._bus: can.BusABC | None = opened()
-        self._name = str(self._bus.channel_info)
+        self._name = name or str(self._bus.channel_info)
         self._writer = writer
         self._now = now
         self._clock = clock
@@ -288,10 +291,10 @@ def open_bus(settings: BusSettings, now: Callable[[], float] = time.time) -> Lin
         When the interface is unknown or not installed, the channel cannot be opened, or the log cannot be
         written.
     """
-    writer = None if settings.log is None else _open_log(settings.log)
+    writer = None if settings.log is None else open_log(settings.log)
     channel = Channel(settings)
     try:
-        return LineBus(channel, writer, now, released=channel.release)
+        return LineBus(channel, writer, now, released=channel.release, name=str(channel))
     except ConfigurationError:
         if writer is not None:
             writer.stop()
@@ -308,7 +311,14 @@ def _is_off(bus: can.BusABC, frame: can.Message | None) -> bool:
         return False
 
 
-def _open_log(path: Path) -> MessageWriter:
+def open_log(path: Path) -> MessageWriter:
+    """Open a file that takes frames: candump (``.log``), ASC or BLF.
+
+    Raises
+    ------
+    ConfigurationError
+        When it has another ending or cannot be written.
+    """
     if path.suffix.lower() not in LOG_ENDINGS:
         raise ConfigurationError(
             file=path,

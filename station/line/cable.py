@@ -20,7 +20,7 @@ from station.line.supervised import SupervisedThread
 SLCAN_OPTIONS: dict[str, Any] = {"sleep_after_open": 0.0}
 _CHUNK = 65_536
 _POLL_MS, _HUNG_UP_POLL_S = 50, 0.005
-_LARGEST_BACKLOG = 262_144
+_LARGEST_BACKLOG = 65_536
 
 
 class Cable:
@@ -30,6 +30,8 @@ class Cable:
     ----------
     ends
         Device names of the two ends.
+    lost_bytes
+        What was sent to an end that nobody had open, or that nobody read.
     """
 
     def __init__(self) -> None:
@@ -37,6 +39,7 @@ class Cable:
         self.ends = (os.ttyname(pairs[0][1]), os.ttyname(pairs[1][1]))
         self._masters = [master for master, _ in pairs]
         self._backlog = [b"", b""]
+        self.lost_bytes = 0
         for master, slave in pairs:
             tty.setraw(slave)
             os.set_blocking(master, False)
@@ -73,6 +76,7 @@ class Cable:
         hung_up = [bool(ready.get(master, 0) & select.POLLHUP) for master in self._masters]
         for source in (0, 1):
             if hung_up[source]:
+                self.lost_bytes += len(self._backlog[source])
                 self._backlog[source] = b""
             elif ready.get(self._masters[source], 0) & select.POLLIN:
                 self._backlog[1 - source] += os.read(self._masters[source], _CHUNK)
@@ -89,5 +93,7 @@ class Cable:
         except BlockingIOError:
             # Whoever has that end open does not read; the oldest frames are lost first, whole ones.
             if len(data) > _LARGEST_BACKLOG:
-                data = data[data.find(b"\r", len(data) - _LARGEST_BACKLOG) + 1 :]
+                kept = data[data.find(b"\r", len(data) - _LARGEST_BACKLOG) + 1 :]
+                self.lost_bytes += len(data) - len(kept)
+                data = kept
         self._backlog[target] = data

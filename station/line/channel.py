@@ -81,6 +81,9 @@ class Channel:
                 "the channel",
             ) from error
 
+    def __str__(self) -> str:
+        return f"{self._settings.interface} {self._settings.channel}"
+
     def release(self) -> None:
         """Let other programs have the device; harmless when there is none."""
         claim, self._claim = self._claim, None

@@ -17,8 +17,9 @@ import can
 from can.io.blf import BLFParseError
 
 from alignment.errors import FormatError, InputError
-from station.line.bus import LOG_ENDINGS, LineBus
+from station.line.bus import LOG_ENDINGS, LineBus, open_log
 from station.line.dbc import LineDatabase, Value
+from station.line.protection import Guard
 
 # What python-can's readers raise on files that are not what they claim to be.
 _DAMAGED = (ValueError, IndexError, EOFError, struct.error, zlib.error, can.CanError, BLFParseError)
@@ -39,7 +40,7 @@ class DecodedFrame:
     values
         Signals, empty when the frame could not be decoded.
     error
-        Why it could not be decoded, or None.
+        Why it could not be decoded, or what its CRC or counter is; None when it is good.
     """
 
     time_s: float
@@ -53,22 +54,41 @@ class DecodedFrame:
             f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}"
             for name, value in self.values.items()
         )
-        mark = f"!! {self.error}" if self.error else signals
+        mark = f"!! {self.error}  {signals}".rstrip() if self.error else signals
         return f"{self.time_s:.6f}  {self.identifier:03X}  {self.name or '?'}  {mark}"
 
 
-def decode_frame(frame: can.Message, database: LineDatabase) -> DecodedFrame:
-    """One frame in readable form; never raises, errors are marked."""
+def decode_frame(frame: can.Message, database: LineDatabase, guard: Guard | None = None) -> DecodedFrame:
+    """One frame in readable form; never raises, errors are marked.
+
+    A guard looks at CRC and counter too; it must see all frames, in their order.
+    """
     name = None if frame.is_error_frame else database.name_of(frame)
     try:
         values = database.decode(frame)
     except InputError as error:
         text = "error frame" if frame.is_error_frame else f"expected {error.expected}, found {error.seen}"
         return DecodedFrame(frame.timestamp, frame.arbitration_id, name, {}, text)
-    return DecodedFrame(frame.timestamp, frame.arbitration_id, name, values)
+    problem = None
+    if guard is not None and name in database.protected:
+        check = guard.check(name, frame.data)
+        problem = f"end-to-end protection: {check}" if check.is_error else None
+    return DecodedFrame(frame.timestamp, frame.arbitration_id, name, values, problem)
+
+
+def decoded(frames: Iterable[can.Message], database: LineDatabase) -> Iterator[DecodedFrame]:
+    """Frames in readable form, with their CRCs and counters looked at."""
+    guard = Guard(database.protected)
+    for frame in frames:
+        yield decode_frame(frame, database, guard)
 
 
 def decode_log(path: str | PathLike[str], database: LineDatabase) -> Iterator[DecodedFrame]:
+    """All frames of a log in readable form; raises as `read_log`."""
+    return decoded(read_log(path), database)
+
+
+def read_log(path: str | PathLike[str]) -> Iterator[can.Message]:
     """All frames of a candump (``.log``), ASC or BLF file, in order.
 
     Raises
@@ -87,7 +107,7 @@ def decode_log(path: str | PathLike[str], database: LineDatabase) -> Iterator[De
         with file.open("rb") as binary:
             for frame in _reader(file, binary):
                 count += 1
-                yield decode_frame(frame, database)
+                yield frame
     except OSError as error:
         raise FormatError(file=file, expected="a readable log", seen=str(error.strerror or error)) from error
     except _DAMAGED as error:
@@ -106,12 +126,9 @@ def _reader(file: Path, binary: BinaryIO) -> Iterable[can.Message]:
             return can.CanutilsLogReader(io.TextIOWrapper(binary, encoding="utf-8"))
 
 
-def watch(
-    bus: LineBus,
-    database: LineDatabase,
-    duration_s: float,
-    clock: Callable[[], float] = time.monotonic,
-) -> Iterator[DecodedFrame]:
+def live_frames(
+    bus: LineBus, duration_s: float, clock: Callable[[], float] = time.monotonic
+) -> Iterator[can.Message]:
     """Frames as they arrive, for the given time."""
     frames: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
     bus.listen(frames.put)
@@ -119,11 +136,38 @@ def watch(
     try:
         while (remaining := deadline - clock()) > 0:
             try:
-                yield decode_frame(frames.get(timeout=remaining), database)
+                yield frames.get(timeout=remaining)
             except queue.Empty:
                 return
     finally:
         bus.unlisten(frames.put)
+
+
+def watch(
+    bus: LineBus,
+    database: LineDatabase,
+    duration_s: float,
+    clock: Callable[[], float] = time.monotonic,
+) -> Iterator[DecodedFrame]:
+    """Frames as they arrive, in readable form, for the given time."""
+    return decoded(live_frames(bus, duration_s, clock), database)
+
+
+def recorded(frames: Iterable[can.Message], path: Path) -> Iterator[can.Message]:
+    """Pass frames on and write them to a candump, ASC or BLF file.
+
+    Raises
+    ------
+    ConfigurationError
+        When the file has another ending or cannot be written.
+    """
+    writer = open_log(path)
+    try:
+        for frame in frames:
+            writer.on_message_received(frame)
+            yield frame
+    finally:
+        writer.stop()
 
 
 @dataclass

@@ -196,7 +196,8 @@ class PlcSimulator:
             As `run`.
         """
         status = self.connect()
-        self._sequence = status.sequence
+        # Go on where the controller before this one was; an answer to its number would be taken for ours.
+        self._sequence = self._sequence or status.sequence
         taken = None
         if status.busy or status.done:
             self.view.record()

@@ -14,6 +14,7 @@ from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase
 from station.line.monitor import decode_log
+from station.line.protection import Protector
 from station.line.supervised import SupervisedThread
 from tests.station.line.line_bench import WAIT_S, FakeCanBus, command_frame
 
@@ -123,9 +124,13 @@ def test_log_of_both_directions_is_decoded_again(
     arrived = threading.Event()
     with open_bus(BusSettings(channel=channel, log=file)) as bus:
         bus.listen(lambda _: arrived.set())
-        plc_bus.send(command_frame(database, "reset", 3))
+        protector = Protector(database.protected)
+        reset, start = command_frame(database, "reset", 3), command_frame(database, "start", 4)
+        for each in (reset, start):
+            protector.protect("Command", each.data)
+        plc_bus.send(reset)
         assert arrived.wait(WAIT_S)
-        bus.send(command_frame(database, "start", 4))
+        bus.send(start)
     frames = list(decode_log(file, database))
     assert [(f.name, f.values["Code"], f.values["Sequence"]) for f in frames] == [
         ("Command", "reset", 3),

@@ -1,0 +1,504 @@
+"""Points that a station at the line must fulfil, each tried out on it and judged by itself.
+
+`truewheel line check` tries all of them, a scenario file of `truewheel line plc` some of them. A point begins
+with a ready station and leaves one; it fails with a sentence that says what was expected and what was seen.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from alignment.errors import LineError, TruewheelError
+from station.line.dbc import LineDatabase
+from station.line.link import Spoil
+from station.line.messages import (
+    Answer,
+    CommandAnswer,
+    CommandCode,
+    HandshakeState,
+    LineErrorCode,
+    LineStatus,
+    LiveState,
+    Mode,
+    Outcome,
+)
+from station.line.orders import PlcOrder, PlcResult
+from station.line.plc import PlcSimulator
+
+C, E = CommandCode, LineErrorCode
+_STATUS_JITTER = 2.0
+_PERIODS = 10
+
+
+@dataclass(frozen=True)
+class Vehicles:
+    """Vehicles that points may start: a known type, one that the station does not know; patience, seconds."""
+
+    vin: str = "TWCHKX00000000001"
+    vehicle_type: int = 1
+    unknown_type: int = 65_535
+    patience_s: float = 60.0
+    wheels: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a point went: passed, or failed with what was expected and seen."""
+
+    point: str
+    requirement: str
+    failure: str | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether it passed."""
+        return self.failure is None
+
+
+class NotFulfilledError(LineError):
+    """A point is not fulfilled."""
+
+
+@dataclass
+class Trial:
+    """What a point works with."""
+
+    plc: PlcSimulator
+    database: LineDatabase
+    vehicles: Vehicles
+    wrongs: list[str] = field(default_factory=list)
+
+    def order(self, mode: Mode = Mode.AUTOMATIC, **changes: object) -> PlcOrder:
+        """An order of the known vehicle."""
+        values: dict[str, object] = {
+            "vin": self.vehicles.vin,
+            "vehicle_type": self.vehicles.vehicle_type,
+            "wheels": self.vehicles.wheels,
+            "mode": mode,
+        }
+        return PlcOrder(**(values | changes))  # type: ignore[arg-type]
+
+    def expect(self, what: str, true: bool) -> None:
+        """Fail unless something is so."""
+        if not true:
+            raise NotFulfilledError(f"expected {what}; last status: {self.plc.status}")
+
+    def status(self, what: str, reached: Callable[[LineStatus], bool]) -> LineStatus:
+        """Wait for a Status."""
+        return self.plc.view.wait(what, self.vehicles.patience_s, reached)
+
+    def refused(self, code: CommandCode, sequence: int, why: LineErrorCode) -> None:
+        """Expect that the command that stands is refused for this reason."""
+        found = self.plc.answer_to(code, sequence)
+        self.plc.withdraw()
+        self.expect(
+            f"{code} {sequence} to be refused with {why}, found {found.answer} {found.error_code}",
+            found.answer is Answer.REFUSED and found.error_code is why,
+        )
+
+    def accepted(self, code: CommandCode, sequence: int) -> CommandAnswer:
+        """Expect that the command that stands is accepted."""
+        found = self.plc.answer_to(code, sequence)
+        self.plc.withdraw()
+        self.expect(f"{code} {sequence} to be accepted, found {found}", found.answer is Answer.ACCEPTED)
+        return found
+
+    def held(self) -> int:
+        """Bring a vehicle to the moment when its results are held; its number."""
+        sequence, _ = self.plc.begin(self.order())
+        self.status("ResultValid", lambda s: s.done and s.sequence == sequence)
+        return sequence
+
+    def end(self, sequence: int) -> PlcResult:
+        """Take the results of a start over."""
+        return self.plc.finish(None, sequence, 0.0)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One requirement and how it is tried out; `mode` is what the station must offer for it."""
+
+    name: str
+    requirement: str
+    run: Callable[[Trial], None]
+    mode: Mode = Mode.AUTOMATIC
+
+
+def _status_comes(trial: Trial) -> None:
+    period = trial.database.cycle_time_s("Status") or 0.1
+    trial.plc.view.record()
+    trial.plc.view.wait_until(_PERIODS * period, lambda: False)
+    times = [m.time_s for m in trial.plc.view.recorded() if m.name == "Status"]
+    longest = max((b - a for a, b in itertools.pairwise(times)), default=float("inf"))
+    trial.expect(
+        f"Status every {1e3 * period:g} ms, found a gap of {1e3 * longest:.0f} ms",
+        longest <= _STATUS_JITTER * period,
+    )
+
+
+def _frames_protected(trial: Trial) -> None:
+    trial.plc.run(trial.order())
+    health = trial.plc.link_health
+    trial.expect(
+        f"every frame with good CRC and counter, found {health}",
+        health.good > 0 and health.wrong_crc == health.wrong_counter == health.malformed == 0,
+    )
+
+
+def _interface_version(trial: Trial) -> None:
+    trial.plc.view.wait_until(3.0, lambda: trial.plc.view.info is not None)
+    info, known = trial.plc.view.info, trial.database.interface_version
+    trial.expect(f"StationInfo with version {known[0]}.x, found {info}", info is not None)
+    assert info is not None
+    trial.expect(f"version {known[0]}.x, found {info.interface}", info.interface[0] == known[0])
+
+
+def _heartbeat_comes_back(trial: Trial) -> None:
+    seen: set[int] = set()
+
+    def two() -> bool:
+        answer = trial.plc.view.answer
+        if answer is not None:
+            seen.add(answer.heartbeat)
+        return len(seen) > 3
+
+    trial.plc.view.wait_until(2.0, two)
+    trial.expect(f"another HeartbeatEcho with each Command, found {sorted(seen)}", len(seen) > 3)
+
+
+def _lost_heartbeat(trial: Trial) -> None:
+    trial.plc.paused = True
+    try:
+        lost = trial.status("not ready without Command frames", lambda s: not s.ready)
+        trial.expect(f"communication_lost, found {lost.error_code}", lost.error_code is E.COMMUNICATION_LOST)
+    finally:
+        trial.plc.paused = False
+    trial.status("ready again", lambda s: s.ready)
+
+
+def _start_after_silence(trial: Trial) -> None:
+    trial.plc.paused = True
+    try:
+        trial.status("not ready without Command frames", lambda s: not s.ready)
+        sequence = trial.plc.number()
+    finally:
+        trial.plc.paused = False
+    trial.plc.give(C.START, trial.order(), sequence)
+    trial.refused(C.START, sequence, E.START_STALE)
+
+
+def _bad_frames(spoil: Spoil) -> Callable[[Trial], None]:
+    def run(trial: Trial) -> None:
+        sequence = trial.plc.number()
+        trial.plc.spoil = spoil
+        try:
+            for _ in range(3):
+                trial.plc.give(C.START, trial.order(), sequence)
+            moved = trial.plc.view.wait_until(
+                0.3, lambda: trial.plc.status is not None and trial.plc.status.busy
+            )
+            trial.expect("no cycle from bad frames, found busy", not moved)
+        finally:
+            trial.plc.withdraw()
+            trial.plc.spoil = None
+        trial.status("ready after bad frames", lambda s: s.ready)
+
+    return run
+
+
+def _vin_incomplete(trial: Trial) -> None:
+    sequence = trial.plc.number()
+    trial.plc.command(C.START, sequence)
+    found: list[CommandAnswer] = []
+
+    def refused() -> bool:
+        answer = trial.plc.view.answer
+        if answer is not None and (answer.code, answer.sequence) == (C.START, sequence):
+            found.append(answer)
+        return bool(found)
+
+    trial.plc.view.wait_until(2.0, refused)
+    trial.plc.withdraw()
+    # No wheel is marked either; a station may name what it likes first.
+    reasons = (E.VIN_INCOMPLETE, E.NO_WHEELS)
+    trial.expect(
+        f"refused with vin_incomplete, found {found}", bool(found) and found[0].error_code in reasons
+    )
+
+
+def _vin_invalid(trial: Trial) -> None:
+    sequence = trial.plc.number()
+    trial.plc.give(C.START, trial.order(vin="TWCHKXOOOOOOOOOO1"), sequence)
+    trial.refused(C.START, sequence, E.VIN_INVALID)
+
+
+def _no_wheels(trial: Trial) -> None:
+    sequence = trial.plc.number()
+    trial.plc.give(C.START, trial.order(wheels=()), sequence)
+    trial.refused(C.START, sequence, E.NO_WHEELS)
+
+
+def _unknown_type(trial: Trial) -> None:
+    sequence = trial.plc.number()
+    trial.plc.give(C.START, trial.order(vehicle_type=trial.vehicles.unknown_type), sequence)
+    trial.plc.view.wait_until(2.0, lambda: _answered(trial, E.UNKNOWN_VEHICLE_TYPE))
+    trial.refused(C.START, sequence, E.UNKNOWN_VEHICLE_TYPE)
+    trial.status("ready after the refusal", lambda s: s.ready)
+
+
+def _answered(trial: Trial, code: LineErrorCode) -> bool:
+    answer = trial.plc.view.answer
+    return answer is not None and answer.error_code is code
+
+
+def _number_zero(trial: Trial) -> None:
+    trial.plc.give(C.START, trial.order(), 0)
+    trial.refused(C.START, 0, E.WRONG_SEQUENCE)
+
+
+def _good_cycle(trial: Trial) -> None:
+    result = trial.plc.run(trial.order())
+    trial.expect(
+        f"busy before the results, found {result.busy_s} and {result.done_s}",
+        result.started_s <= result.busy_s <= result.done_s,
+    )
+    early = [
+        m.name
+        for m in result.received
+        if m.values.get("Sequence") == result.sequence and m.time_s < result.busy_s and "Result" in m.name
+    ]
+    trial.expect(f"no result before busy, found {early}", not early)
+    trial.expect(
+        f"a verdict on the vehicle, found {result.vehicle.outcome}",
+        result.vehicle.outcome in (Outcome.OK, Outcome.NOK, Outcome.FAULT),
+    )
+    trial.status("ready after the acknowledgement", lambda s: s.ready)
+
+
+def _repeated_start(trial: Trial) -> None:
+    order = trial.order()
+    sequence, started_s = trial.plc.begin(order)
+    for _ in range(3):
+        trial.plc.give(C.START, order, sequence)
+    trial.status("ResultValid once", lambda s: s.done and s.sequence == sequence)
+    trial.plc.give(C.START, order, sequence)
+    trial.accepted(C.START, sequence)
+    trial.plc.finish(order, sequence, started_s)
+    trial.status("ready", lambda s: s.ready)
+    trial.plc.give(C.START, order, sequence)
+    trial.refused(C.START, sequence, E.SEQUENCE_USED)
+
+
+def _start_while_held(trial: Trial) -> None:
+    sequence = trial.held()
+    other = trial.plc.number()
+    trial.plc.give(C.START, trial.order(), other)
+    trial.refused(C.START, other, E.NOT_ACKNOWLEDGED)
+    trial.end(sequence)
+
+
+def _held_until_acknowledged(trial: Trial) -> None:
+    sequence = trial.held()
+    trial.plc.view.record()
+    repeated = trial.plc.view.wait_until(
+        2.0, lambda: trial.plc.view.results.get("VehicleResult", {}).get("Sequence") == sequence
+    )
+    trial.expect("the results again while they are held", repeated)
+    wrong = sequence % 255 + 1
+    trial.plc.acknowledge(wrong)
+    trial.refused(C.ACKNOWLEDGE, wrong, E.WRONG_SEQUENCE)
+    trial.status("ResultValid still", lambda s: s.done and s.sequence == sequence)
+    trial.end(sequence)
+    trial.plc.acknowledge(sequence)
+    trial.accepted(C.ACKNOWLEDGE, sequence)
+
+
+def _slow_controller(trial: Trial) -> None:
+    sequence = trial.held()
+    trial.plc.view.wait_until(3.0, lambda: False)
+    trial.status("ResultValid after three seconds", lambda s: s.done and s.sequence == sequence)
+    trial.end(sequence)
+
+
+def _abort_while_busy(trial: Trial) -> None:
+    sequence, _ = trial.plc.begin(trial.order())
+    trial.plc.abort(sequence)
+    result = trial.end(sequence)
+    # An abort that comes too late changes nothing: the results were on their way.
+    trial.expect(
+        f"aborted, found {result.vehicle.outcome}",
+        result.vehicle.outcome is Outcome.ABORTED or result.vehicle.outcome.judged,
+    )
+    trial.status("ready", lambda s: s.ready)
+
+
+def _abort_elsewhere(trial: Trial) -> None:
+    stranger = trial.plc.number()
+    trial.plc.command(C.ABORT, stranger)
+    trial.refused(C.ABORT, stranger, E.WRONG_SEQUENCE)
+    trial.plc.prepare(trial.order())
+    trial.plc.abort(stranger)
+    trial.status("not prepared any more", lambda s: s.handshake is HandshakeState.READY)
+    sequence = trial.held()
+    trial.plc.command(C.ABORT, sequence)
+    trial.accepted(C.ABORT, sequence)
+    result = trial.end(sequence)
+    trial.expect(
+        f"results as they were, found {result.vehicle.outcome}",
+        result.vehicle.outcome is not Outcome.ABORTED,
+    )
+
+
+def _acknowledge_too_early(trial: Trial) -> None:
+    sequence, _ = trial.plc.begin(trial.order())
+    trial.plc.acknowledge(sequence)
+    answer = trial.plc.answer_to(C.ACKNOWLEDGE, sequence)
+    trial.plc.withdraw()
+    status = trial.status("ResultValid or ready", lambda s: s.done or s.ready)
+    early = answer.error_code is E.NOTHING_TO_ACKNOWLEDGE
+    trial.expect(f"nothing_to_acknowledge or held results, found {answer}", early or status.ready)
+    if status.done:
+        trial.end(sequence)
+
+
+def _reset_everywhere(trial: Trial) -> None:
+    trial.plc.reset()
+    trial.plc.begin(trial.order())
+    trial.plc.reset()
+    trial.held()
+    trial.plc.reset()
+    status = trial.status("ready", lambda s: s.ready)
+    trial.expect("nothing held after a reset", not status.done)
+    trial.plc.run(trial.order())
+
+
+def _stop_without_adjusting(trial: Trial) -> None:
+    number = trial.plc.number()
+    trial.plc.command(C.STOP, number)
+    trial.refused(C.STOP, number, E.NOTHING_TO_STOP)
+
+
+def _prepare(trial: Trial) -> None:
+    trial.plc.prepare(trial.order())
+    trial.status("prepared and ready", lambda s: s.handshake is HandshakeState.PREPARED and s.ready)
+    trial.plc.stop(trial.plc.number())
+    trial.status("not prepared any more", lambda s: s.handshake is HandshakeState.READY)
+    trial.plc.prepare(trial.order())
+    trial.plc.run(trial.order())
+
+
+def _master_check(trial: Trial) -> None:
+    result = trial.plc.run(trial.order(Mode.MASTER_CHECK))
+    trial.expect(
+        f"a verdict, found {result.vehicle.outcome}",
+        result.vehicle.outcome in (Outcome.OK, Outcome.NOK, Outcome.FAULT),
+    )
+
+
+def _live(trial: Trial) -> None:
+    live = trial.plc.view.live
+    trial.expect(
+        f"live angles of each wheel, found {live}",
+        trial.plc.view.wait_until(
+            trial.vehicles.patience_s,
+            lambda: any(
+                angles.state in (LiveState.INSIDE, LiveState.OUTSIDE)
+                for angles in trial.plc.view.live.values()
+            ),
+        ),
+    )
+
+
+def _adjust(trial: Trial) -> None:
+    sequence, _ = trial.plc.begin(trial.order(Mode.ADJUST))
+    trial.status("adjusting", lambda s: s.handshake is HandshakeState.ADJUSTING)
+    _live(trial)
+    trial.plc.stop(sequence)
+    result = trial.end(sequence)
+    trial.expect(
+        f"a verdict after stop, found {result.vehicle.outcome}",
+        result.vehicle.outcome in (Outcome.OK, Outcome.NOK, Outcome.FAULT),
+    )
+
+
+def _adjust_aborted(trial: Trial) -> None:
+    sequence, _ = trial.plc.begin(trial.order(Mode.ADJUST))
+    trial.plc.abort(sequence)
+    result = trial.end(sequence)
+    trial.expect(f"aborted, found {result.vehicle.outcome}", result.vehicle.outcome is Outcome.ABORTED)
+
+
+def _adjust_lost(trial: Trial) -> None:
+    sequence, _ = trial.plc.begin(trial.order(Mode.ADJUST))
+    trial.plc.paused = True
+    try:
+        trial.status("the end of adjusting", lambda s: s.done and s.sequence == sequence)
+    finally:
+        trial.plc.paused = False
+    result = trial.end(sequence)
+    trial.expect(f"aborted, found {result.vehicle.outcome}", result.vehicle.outcome is Outcome.ABORTED)
+
+
+POINTS: tuple[Point, ...] = (
+    Point("status-comes", "Status comes at its cycle time", _status_comes),
+    Point("frames-protected", "every frame has a good CRC and counter", _frames_protected),
+    Point("interface-version", "StationInfo names the interface's version", _interface_version),
+    Point("heartbeat-echo", "the heartbeat comes back", _heartbeat_comes_back),
+    Point("lost-heartbeat", "without Command frames the station is not ready", _lost_heartbeat),
+    Point(
+        "start-after-silence",
+        "a start from before the communication came back is refused",
+        _start_after_silence,
+    ),
+    Point("wrong-crc", "a start with a wrong CRC is not carried out", _bad_frames("crc")),
+    Point("wrong-counter", "a start with a wrong counter is not carried out", _bad_frames("counter")),
+    Point("vin-incomplete", "a start without its VIN is refused", _vin_incomplete),
+    Point("vin-invalid", "a VIN with a wrong character is refused", _vin_invalid),
+    Point("no-wheels", "a start without a wheel is refused", _no_wheels),
+    Point("number-zero", "a start with the number 0 is refused", _number_zero),
+    Point("unknown-vehicle-type", "an unknown vehicle type is refused", _unknown_type),
+    Point("good-cycle", "start, busy, results, ResultValid, acknowledge, ready, in this order", _good_cycle),
+    Point("repeated-start", "a repeated start counts once", _repeated_start),
+    Point("start-while-held", "no other start while results are held", _start_while_held),
+    Point("held-results", "results are sent until their number is acknowledged", _held_until_acknowledged),
+    Point("slow-controller", "results are held for a controller that takes its time", _slow_controller),
+    Point("abort-while-busy", "an abort ends the cycle and its wheels are aborted", _abort_while_busy),
+    Point(
+        "abort-elsewhere", "an abort when ready, prepared or with results held does no harm", _abort_elsewhere
+    ),
+    Point("early-acknowledge", "an acknowledgement before the results is harmless", _acknowledge_too_early),
+    Point("reset-everywhere", "a reset makes ready: idle, busy, with results held", _reset_everywhere),
+    Point("stop-without-adjusting", "stop without adjusting is refused", _stop_without_adjusting),
+    Point("prepare", "prepare is accepted, stop takes it back", _prepare),
+    Point("master-check", "a master wheel is measured and reported", _master_check, Mode.MASTER_CHECK),
+    Point("adjust", "live angles until stop, then a result", _adjust, Mode.ADJUST),
+    Point("adjust-aborted", "an abort ends adjusting", _adjust_aborted, Mode.ADJUST),
+    Point("adjust-lost-heartbeat", "a lost heartbeat ends adjusting", _adjust_lost, Mode.ADJUST),
+)
+"""All points, in the order in which they are tried."""
+
+
+def point_named(name: str) -> Point | None:
+    """The point of a name, or None."""
+    return next((point for point in POINTS if point.name == name), None)
+
+
+def try_point(point: Point, trial: Trial) -> Verdict:
+    """Try one point out, and leave a ready station behind."""
+    failure: str | None = None
+    try:
+        trial.plc.start_up()
+        point.run(trial)
+    except TruewheelError as error:
+        failure = str(error)
+    trial.plc.spoil, trial.plc.paused = None, False
+    trial.plc.withdraw()
+    return Verdict(point.name, point.requirement, failure)
+
+
+def check_station(trial: Trial, points: tuple[Point, ...] = POINTS) -> Iterator[Verdict]:
+    """Try points out, one after the other."""
+    for point in points:
+        yield try_point(point, trial)

@@ -1,0 +1,233 @@
+"""Writes the description of the line interface from the DBC, the handshake's table and the error codes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+
+from cantools.database.can import Message
+from cantools.database.can.signal import Signal
+
+from station.line.dbc import LineDatabase
+from station.line.document_text import (
+    E2E_CODE,
+    FOR_PLC_PROGRAMMERS,
+    GOOD_CYCLE,
+    HEAD,
+    HELD_AND_LOST,
+    MODES_TEXT,
+    TOOLS,
+)
+from station.line.error_codes import MEANINGS
+from station.line.handshake import COMMANDS, EVENTS, Request, Rule
+from station.line.messages import HandshakeState, LineErrorCode
+
+_E2E = ("E2eCrc", "E2eCounter")
+
+
+def interface_document(database: LineDatabase) -> str:
+    """The whole document, Markdown; the same for the same DBC and program."""
+    parts = [
+        HEAD.format(major=database.interface_version[0], minor=database.interface_version[1]),
+        FOR_PLC_PROGRAMMERS,
+        GOOD_CYCLE,
+        _states(),
+        HELD_AND_LOST.format(
+            command_ms=_ms(database.timeout_s("Command")), status_ms=_ms(database.timeout_s("Status"))
+        ),
+        MODES_TEXT,
+        _protection(database),
+        _messages(database),
+        _signals(database),
+        _error_codes(database),
+        TOOLS,
+    ]
+    return "\n".join(part.strip() + "\n" for part in parts)
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    columns = list(head)
+    lines = [columns, ["---"] * len(columns), *([str(cell) for cell in row] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _ms(seconds: float | None) -> str:
+    return "" if seconds is None else f"{1000 * seconds:g}"
+
+
+def _states() -> str:
+    rows = [
+        [f"**{state}**", *(_cell(rules[request]) for request in Request)] for state, rules in COMMANDS.items()
+    ]
+    events = [
+        [event, ", ".join(f"{source} → {target}" for source, target in ways.items() if source != target)]
+        for event, ways in EVENTS.items()
+    ]
+    return f"""
+## The handshake
+
+Drawn from the table that the program uses. `Status.Handshake` shows the state. A start in the mode adjust
+leads to adjusting instead of busy; a fault of the station leads from every state to fault.
+
+```mermaid
+stateDiagram-v2
+    [*] --> starting
+{_edges()}
+```
+
+What every command does in every state: **→** leads to a state, *harmless* is accepted and changes nothing,
+any other entry is the error code with which it is refused. "Same" is the number of the start in hand, or else
+of the last one.
+
+{_table(["state", *Request], rows)}
+
+What happens without a command:
+
+{_table(["event", "leads"], events)}
+"""
+
+
+def _cell(rule: Rule) -> str:
+    if rule.refusal is not LineErrorCode.NONE:
+        return f"`{rule.refusal}`"
+    return "*harmless*" if rule.target is None else f"→ {rule.target}"
+
+
+def _edges() -> str:
+    labels: dict[tuple[str, str], list[str]] = {}
+    for state, rules in COMMANDS.items():
+        for request, rule in rules.items():
+            if rule.target is not None and rule.target is not state:
+                labels.setdefault((state, rule.target), []).append(request.split(",")[0])
+    adjusting = HandshakeState.ADJUSTING
+    for state in (HandshakeState.READY, HandshakeState.PREPARED):
+        labels.setdefault((state, adjusting), []).append("start to adjust")
+    for event, ways in EVENTS.items():
+        for source, target in ways.items():
+            # A fault may come in every state; ten more arrows would hide the rest.
+            if source != target and len(ways) < len(HandshakeState):
+                labels.setdefault((source, target), []).append(event)
+    return "\n".join(
+        f"    {source} --> {target}: {', '.join(dict.fromkeys(words))}"
+        for (source, target), words in labels.items()
+    )
+
+
+def _protection(database: LineDatabase) -> str:
+    rows = [[name, f"0x{e2e.data_id:04X}", e2e.max_delta] for name, e2e in sorted(database.protected.items())]
+    return f"""
+## End-to-end protection
+
+Every message is protected by AUTOSAR E2E profile 1, variant 1A (PRS E2E Protocol): byte 0 is a CRC-8 SAE
+J1850 (polynomial 0x1D, start value 0xFF, inverted at the end) over the low byte and the high byte of the
+message's data id and then bytes 1 to 7; the low half of byte 1 is a counter from 0 to 14, one more in each
+frame of the message. A receiver
+
+- drops a frame whose CRC is wrong or whose counter is 15,
+- compares the counter with that of the last frame with a right CRC: 1 to {_delta(database)} ahead counts, the
+  same number is a repetition and is dropped,
+- takes a larger step as a jump: that frame and the next one are dropped, then frames count again,
+- drops the very first frame, which there is nothing to compare with, and begins so again after the
+  communication was lost.
+
+{E2E_CODE}
+
+| message | data id | largest step |
+|---|---|---|
+""" + "\n".join(f"| {name} | {data_id} | {step} |" for name, data_id, step in rows)
+
+
+def _delta(database: LineDatabase) -> str:
+    steps = sorted({e2e.max_delta for e2e in database.protected.values()})
+    return " or ".join(map(str, steps))
+
+
+def _messages(database: LineDatabase) -> str:
+    rows = []
+    for message in _sorted(database):
+        attributes = message.dbc.attributes if message.dbc else {}
+        fast = attributes.get("GenMsgCycleTimeFast")
+        timeout = database.timeout_s(message.name)
+        rows.append(
+            [
+                f"0x{message.frame_id:03X}",
+                message.name,
+                message.senders[0],
+                message.send_type or "",
+                message.cycle_time or "",
+                fast.value if fast else "",
+                _ms(timeout),
+            ]
+        )
+    head = ("identifier", "message", "from", "sent", "every ms", "while active ms", "lost after ms")
+    return f"## Messages\n\nStandard identifiers, eight bytes, Intel byte order.\n\n{_table(head, rows)}"
+
+
+def _signals(database: LineDatabase) -> str:
+    parts = [
+        "## Signals",
+        "",
+        "Every message has the two signals of the end-to-end protection too: E2eCrc, byte 0, and E2eCounter,"
+        " the low half of byte 1.",
+    ]
+    for messages in _alike(database):
+        first = messages[0]
+        names = ", ".join(f"{m.name} (0x{m.frame_id:03X})" for m in messages)
+        rows = [_signal_row(signal) for signal in first.signals if signal.name not in _E2E]
+        parts += ["", f"### {names}", "", str(first.comment), ""]
+        parts.append(_table(("signal", "bits", "range", "unit", "step", "values", "meaning"), rows))
+    return "\n".join(parts)
+
+
+def _signal_row(signal: Signal) -> list[str]:
+    sign = "signed" if signal.is_signed else ""
+    words = dict(signal.choices or {})
+    table = ", ".join(f"{number} {word}" for number, word in words.items())
+    enumeration = signal.unit == "code"
+    return [
+        signal.name,
+        f"{signal.start}\\|{signal.length} {sign}".strip(),
+        "" if enumeration else f"{signal.minimum:g} … {signal.maximum:g}",
+        "" if enumeration else str(signal.unit),
+        "" if enumeration else f"{signal.scale:g}",
+        "see error codes" if signal.name == "ErrorCode" else table,
+        str(signal.comment),
+    ]
+
+
+def _sorted(database: LineDatabase) -> list[Message]:
+    return sorted(database.definition.messages, key=lambda message: message.frame_id)
+
+
+def _alike(database: LineDatabase) -> Iterator[list[Message]]:
+    """Messages of the line, those of the same layout together."""
+    endings = [*database.wheels.values(), *database.axles.values()]
+    stem = re.compile(f"^(Wheel\\w+?|Axle\\w+?|LiveAngles)({'|'.join(endings)})$")
+    groups: dict[str, list[Message]] = {}
+    for message in _sorted(database):
+        found = stem.match(message.name)
+        groups.setdefault(found[1] if found else message.name, []).append(message)
+    return iter(groups.values())
+
+
+def _error_codes(database: LineDatabase) -> str:
+    signal = next(
+        s
+        for m in database.definition.messages
+        if m.name == "Status"
+        for s in m.signals
+        if s.name == "ErrorCode"
+    )
+    rows = [
+        [number, f"`{word}`", MEANINGS[LineErrorCode(str(word))].part, *_said(LineErrorCode(str(word)))]
+        for number, word in (signal.choices or {}).items()
+        if str(word) != LineErrorCode.NONE
+    ]
+    return (
+        "## Error codes\n\nBelow 100 they are the answer to a command and leave the station as it was; from "
+        f"100 on they are the station's.\n\n{_table(('number', 'code', 'part', 'cause', 'cure'), rows)}"
+    )
+
+
+def _said(code: LineErrorCode) -> tuple[str, str]:
+    return MEANINGS[code].cause, MEANINGS[code].cure

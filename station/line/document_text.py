@@ -1,0 +1,170 @@
+"""The parts of the line interface's description that are prose; `station.line.document` puts it together."""
+
+HEAD = """
+# The line interface
+
+How a PLC and a Truewheel station talk over CAN. This page is written by `truewheel line document` from
+`configs/line.dbc` and the program's own tables, and a test asserts that it is current: change those, not
+this.
+
+Interface version {major}.{minor}; the station says it in `StationInfo`. A controller that knows another major
+version must not start. CAN 2.0, 500 kbit/s unless configured otherwise, standard identifiers.
+"""
+
+FOR_PLC_PROGRAMMERS = """
+## For PLC programmers
+
+1. **Send `Command` every 100 ms, always**, with code none while there is nothing to do, and at once when it
+   changes. It is your sign of life. Send `Vin1` to `Vin3` with zeros every second between vehicles.
+2. **Power up**: wait until `Status` comes and `CommandAnswer.LinkUp` is yes. If `Status.ResultValid` is
+   yes, the station holds results that you have not acknowledged: take them over (6) before anything else.
+   If `Status.Busy` is yes, wait for them. If neither is so and `Ready` is no, send reset with a new
+   number.
+3. **Start**: when `Ready` is yes, take the next number (1 to 255, then 1 again), send the three VIN
+   frames with it, and put `Command` start with number, type, wheels and mode on the bus. Leave all four
+   there, repeated every 100 ms, until `CommandAnswer` shows this code and number.
+4. **Read the answer**: accepted, go back to none; refused, `ErrorCode` says why and nothing has happened.
+   `vin_incomplete` and `starting` pass while the command stands.
+5. **Wait** for `ResultValid` with your number, as long as a cycle may take. `Fault` ends it without a result.
+6. **Take over**: read all result messages whose number is yours; what is missing comes again within 100 ms.
+   Keep them where they survive your own restart. Then put acknowledge with the number on the bus until
+   `ResultValid` is gone, and go back to none.
+7. **A wheel is good only** when its `Outcome` is ok, and the vehicle only when `VehicleResult.Outcome` is ok.
+   nok is a vehicle out of limits; fault, aborted and anything else is a vehicle that was not measured.
+8. **Judge frames before you use them**: CRC, counter, and time (see the columns of the messages). A frame
+   that does not count did not happen. Without a good `Status` in time take the station as lost: withdraw
+   the command, treat the vehicle as not measured, and go on with (2) when it comes back.
+
+```
+IF NOT StatusFresh THEN                         (* no good Status within its timeout *)
+    Command.Code := NONE;  Step := POWER_UP;
+END_IF
+CASE Step OF
+    READY:    IF VehicleThere AND Status.Ready THEN
+                  Number := Number MOD 255 + 1;
+                  SendVin(Number);  Command := START(Number, Type, Wheels, AUTOMATIC);  Step := STARTED;
+              END_IF
+    STARTED:  IF Answer.Code = START AND Answer.Sequence = Number THEN
+                  IF Answer.Answer = ACCEPTED THEN Command.Code := NONE;  Step := WAITING;
+                  ELSIF Answer.ErrorCode <> VIN_INCOMPLETE THEN Command.Code := NONE;  Step := REFUSED;
+                  END_IF
+              END_IF
+    WAITING:  IF Status.ResultValid AND Status.Sequence = Number AND ResultsComplete(Number) THEN
+                  KeepResults(Number);  Command := ACKNOWLEDGE(Number);  Step := TAKEN;
+              ELSIF Status.Fault OR CycleTooLong THEN Step := NOT_MEASURED;
+              END_IF
+    TAKEN:    IF NOT Status.ResultValid THEN Command.Code := NONE;  Step := READY;  END_IF
+END_CASE
+```
+"""
+
+GOOD_CYCLE = """
+## A good cycle
+
+```mermaid
+sequenceDiagram
+    participant P as PLC
+    participant S as station
+    Note over P,S: Command every 100 ms, Status and CommandAnswer every 100 ms, both ways, always
+    S->>P: Status Ready
+    P->>S: Vin1, Vin2, Vin3 (n)
+    P->>S: Command start (n)
+    S->>P: Status Busy (n)
+    S->>P: CommandAnswer start (n) accepted
+    P->>S: Command none
+    Note over S: cameras, angles, verdict
+    Note over S: record committed to the database
+    S->>P: WheelUncertainty…, WheelResult… (n), each wheel
+    S->>P: AxleUncertainty…, AxleResult… (n), each axle
+    S->>P: VehicleResult (n)
+    S->>P: Status ResultValid (n)
+    Note over S: results again every 100 ms
+    P->>S: Command acknowledge (n)
+    S->>P: Status (ResultValid gone), CommandAnswer acknowledge (n) accepted
+    Note over S: acknowledgement committed to the database
+    S->>P: Status Ready
+    P->>S: Command none
+```
+
+Nothing of a result goes out before its record is committed. Over two slcan ends back to back, busy
+follows the start within 10 ms and the first result the commit within 5 ms, at the 99th percentile of ten
+thousand cycles on a computer that does nothing else: `truewheel study line-endurance` measures both.
+"""
+
+HELD_AND_LOST = """
+## Held results, lost communication, lost power
+
+- Results are **held until they are acknowledged** with their number, or given up by a reset. A station
+  that restarts finds in its database that the last cycle was not acknowledged, and offers it again: state
+  held, the same number, the same results. The acknowledgement is stored before the station is ready
+  again.
+- **Safe state of the station**: no good `Command` for {command_ms} ms means that the communication is
+  lost. `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting is aborted; what
+  was prepared is forgotten. A cycle in another mode is finished, stored and held. When frames come again,
+  the first of each message only sets the counter, and a start that stands on the bus already is refused
+  with `start_stale`: the vehicle may be another one by then.
+- **Safe state of the controller**: no good `Status` for {status_ms} ms. It withdraws its command and
+  treats the vehicle as not measured until the station holds a result for it.
+- **Power lost at any moment**: before the commit nothing is stored and nothing was told, the vehicle is not
+  measured. After it the record is whole and its results are offered until they are acknowledged.
+  `truewheel study line-power-loss` kills both sides at every step and looks.
+"""
+
+MODES_TEXT = """
+## Modes
+
+| mode | a start | ends |
+|---|---|---|
+| automatic | measures the marked wheels once | by itself |
+| adjust | shows `LiveAngles…` of the marked wheels, again and again | \
+stop: measures once more, judges, stores, reports. \
+abort, lost communication, or the configured time: aborted |
+| master_check | measures a master wheel; the vehicle type holds its certified angles as limits. \
+Stored as a check of each rig's calibration too | by itself |
+| calibrate | records images of the calibration plate; every marked wheel is answered with `recorded` \
+| by itself |
+
+A live angle is true now only in the states inside and outside. It is never a verdict and never stored.
+"""
+
+E2E_CODE = """
+```c
+uint8_t crc8(uint8_t crc, uint8_t byte)             /* polynomial 0x1D */
+{
+    crc ^= byte;
+    for (int bit = 0; bit < 8; bit++)
+        crc = (uint8_t)(crc & 0x80 ? (crc << 1) ^ 0x1D : crc << 1);
+    return crc;
+}
+
+uint8_t e2e_crc(const uint8_t data[8], uint16_t data_id)
+{
+    uint8_t crc = crc8(crc8(0xFF, data_id & 0xFF), data_id >> 8);
+    for (int k = 1; k < 8; k++)
+        crc = crc8(crc, data[k]);
+    return crc ^ 0xFF;
+}
+```
+
+To test yours: with the data id 0x0123 and eight bytes of zero the frame is `CC 00 00 00 00 00 00 00`, and
+with the counter 1 `91 01 00 00 00 00 00 00`.
+"""
+
+TOOLS = """
+## Buses and tools
+
+The station's `[line]` table names interface, channel, bitrate and further options as python-can knows
+them: socketcan, pcan, vector, kvaser, ixxat, slcan, remote, … Without hardware, `truewheel line cable`
+joins two serial devices back to back; `interface = "slcan"` with `options = { sleep_after_open = 0.0 }`
+opens one end in each of two programs. An adapter that is unplugged, off the bus, or takes no frames is
+opened again until it answers.
+
+| command | does |
+|---|---|
+| `truewheel line check` | tries all of this out on a station; \
+`--simulated` on one of its own |
+| `truewheel line plc --vin VIN` | plays the PLC for some vehicles |
+| `truewheel line plc --scenario configs/line-scenarios.toml` | plays good and bad days |
+| `truewheel line monitor` | shows decoded traffic, errors marked; reads and writes candump, ASC and BLF |
+| `truewheel line cable` | joins two serial devices back to back |
+"""

@@ -1,0 +1,48 @@
+"""A station with prepared shots in this process, for whoever needs one to talk to."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+from station.line.bus import open_bus
+from station.line.channel import BusSettings
+from station.line.dbc import LineDatabase
+from station.rehearsal.prepared import open_rehearsal
+
+SHOT_S = 0.2
+_CHANNELS = itertools.count(1)
+
+
+@contextmanager
+def simulated_station(database: LineDatabase, shot_s: float = SHOT_S) -> Iterator[BusSettings]:
+    """Serve in a thread of its own until the end; yields how to reach it.
+
+    Parameters
+    ----------
+    database
+        Of the line.
+    shot_s
+        How long each wheel takes, seconds.
+    """
+    settings = BusSettings(channel=f"simulated-{next(_CHANNELS)}")
+    stopping = threading.Event()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        open_bus(settings) as bus,
+        open_rehearsal(
+            bus, database, f"sqlite:///{Path(folder) / 'results.db'}", shot_s=shot_s, acknowledge_s=0.5
+        ) as station,
+        ThreadPoolExecutor(1, "station") as pool,
+    ):
+        served = pool.submit(station.cycle.serve, stopping)
+        try:
+            yield settings
+        finally:
+            stopping.set()
+            served.result()

@@ -1,0 +1,88 @@
+"""`truewheel line …` as an integrator calls it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from station.line.cable import Cable
+from tests.end_to_end.conftest import CONFIGS, Truewheel
+
+CONFIG = ("--config", CONFIGS / "station.toml")
+
+
+def test_plc_against_a_simulated_station(truewheel: Truewheel, tmp_path: Path) -> None:
+    ended = truewheel("line", "plc", "--simulated", "--vin", "WVWZZZ1KZAW123456", *CONFIG, "--json")
+    assert ended.status == 0, ended.err
+    (vehicle,) = ended.json["vehicles"]
+    assert (vehicle["vin"], vehicle["outcome"]) == ("WVWZZZ1KZAW123456", "ok")
+    scenario = tmp_path / "short.toml"
+    scenario.write_text('[[scenarios]]\nname = "one"\nplay = ["good-cycle", "wrong-crc"]\n')
+    ended = truewheel("line", "plc", "--simulated", "--scenario", scenario, *CONFIG, "--json")
+    assert ended.status == 0, ended.err
+    assert ended.json["figures"] == {"passed": 2, "failed": 0}
+    ended = truewheel("line", "plc", "--simulated", "--scenario", scenario, *CONFIG)
+    assert "passed  one: good-cycle" in ended.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("plc", "--vin", "SHORT"), "17 characters"),
+        (("plc",), "either VINs or a scenario file"),
+        (("check", "--vin", "SHORT"), "17 characters"),
+        (("plc", "--vin", "WVWZZZ1KZAW123456", "--interface", "smoke"), "socketcan"),
+        (("monitor", "--interface", "slcan", "--channel", "/dev/no_such_device"), "no_such_device"),
+        (("plc", "--scenario", "absent.toml"), "absent.toml"),
+    ],
+)
+def test_bad_input_is_one_clear_sentence(
+    truewheel: Truewheel, arguments: tuple[str, ...], expected: str
+) -> None:
+    ended = truewheel("line", *arguments, *CONFIG)
+    assert ended.status == 2
+    assert expected in ended.err
+    assert ended.err.startswith("truewheel: ")
+    assert len(ended.err.strip().splitlines()) == 1
+
+
+def test_busy_channel_is_one_clear_sentence(truewheel: Truewheel) -> None:
+    from station.line.bus import open_bus
+
+    with Cable() as cable, open_bus(cable.settings(0)):
+        arguments = ("--interface", "slcan", "--channel", cable.ends[0])
+        ended = truewheel("line", "monitor", *arguments, *CONFIG)
+    assert ended.status == 2
+    assert "another program has it open" in ended.err
+
+
+def test_dbc_that_lacks_a_message_stops_every_line_command(truewheel: Truewheel, tmp_path: Path) -> None:
+    for name in ("station.toml", "line.dbc"):
+        (tmp_path / name).write_text((CONFIGS / name).read_text())
+    (tmp_path / "vehicles").symlink_to(CONFIGS / "vehicles")
+    dbc = tmp_path / "line.dbc"
+    dbc.write_text(dbc.read_text().replace("BO_ 289 CommandAnswer:", "BO_ 289 CommandReply:"))
+    for arguments in (("check", "--simulated"), ("monitor",), ("plc", "--vin", "WVWZZZ1KZAW123456")):
+        ended = truewheel("line", *arguments, "--config", tmp_path / "station.toml")
+        assert ended.status == 2
+        assert "CommandAnswer" in ended.err
+        assert str(dbc) in ended.err
+
+
+def test_monitor_converts_logs_and_marks_errors(truewheel: Truewheel, tmp_path: Path) -> None:
+    log = tmp_path / "traffic.log"
+    good = "(1.000000) can0 110#CC00000000000000\n"
+    log.write_text(good)
+    for ending in (".asc", ".blf"):
+        copy = tmp_path / f"copy{ending}"
+        ended = truewheel("line", "monitor", log, "--out", copy, *CONFIG)
+        assert ended.status == 1
+        assert "end-to-end protection: wrong_crc" in ended.out
+        assert truewheel("line", "monitor", copy, *CONFIG, "--json").json["errors"] == 1
+
+
+def test_document_command_writes_what_is_delivered(truewheel: Truewheel, tmp_path: Path) -> None:
+    out = tmp_path / "line.md"
+    assert truewheel("line", "document", "--out", out, *CONFIG).status == 0
+    assert out.read_text() == (CONFIGS.parent / "docs" / "line-interface.md").read_text()
