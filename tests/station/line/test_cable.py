@@ -93,7 +93,12 @@ def test_adapter_that_is_pulled_out_comes_back_without_a_restart(
     database: LineDatabase, request: pytest.FixtureRequest
 ) -> None:
     cables = [Cable()]
-    request.addfinalizer(cables[-1].close)
+
+    def unplug_all() -> None:
+        for cable in cables:
+            cable.close()
+
+    request.addfinalizer(unplug_all)
 
     def opened(end: int) -> can.BusABC:
         return Channel(cables[-1].settings(end))()
