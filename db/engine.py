@@ -119,6 +119,8 @@ def _sqlite_creator(path: Path, timeout_s: float, mode: str) -> Callable[[], sql
         connection = sqlite3.connect(
             uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False
         )
+        # SQLite has no variance of its own; see db.partial_sums.
+        connection.create_aggregate("squared_deviations", 1, _SquaredDeviations)  # type: ignore[arg-type]
         try:
             if mode == "ro":
                 connection.execute("PRAGMA query_only=ON")
@@ -135,6 +137,24 @@ def _sqlite_creator(path: Path, timeout_s: float, mode: str) -> Callable[[], sql
         return connection
 
     return connect
+
+
+class _SquaredDeviations:
+    """Sum of squared deviations from the mean, by Welford's recurrence: nothing cancels."""
+
+    def __init__(self) -> None:
+        self._n, self._mean, self._m2 = 0, 0.0, 0.0
+
+    def step(self, value: float) -> None:
+        """Take the next value."""
+        self._n += 1
+        shift = value - self._mean
+        self._mean += shift / self._n
+        self._m2 += shift * (value - self._mean)
+
+    def finalize(self) -> float:
+        """The sum."""
+        return self._m2
 
 
 def _begin_sqlite(connection: Connection) -> None:

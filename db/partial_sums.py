@@ -222,9 +222,47 @@ def _whole_sum(column: Any) -> ColumnElement[int]:
     return cast(func.sum(column), BigInteger)
 
 
+class squared_deviations(FunctionElement[float]):  # noqa: N801  (named as SQL functions are)
+    """Sum of the squared deviations of single values from their mean."""
+
+    type = Double()
+    inherit_cache = True
+
+
+@compiles(squared_deviations, "sqlite")
+def _sqlite_deviations(element: Any, compiler: SQLCompiler, **options: Any) -> str:
+    return f"squared_deviations({compiler.process(element.clauses, **options)})"
+
+
+@compiles(squared_deviations)
+def _postgresql_deviations(element: Any, compiler: SQLCompiler, **options: Any) -> str:
+    # By the algorithm of Youngs and Cramer: nothing cancels.
+    value = compiler.process(element.clauses, **options)
+    return f"(var_pop({value}) * count({value}))"
+
+
 def hourly(values: Sequence[Select[Any]]) -> Select[Any]:
     """Sums of `raw_values` per characteristic, station and hour, the group of the short-term spread."""
-    sums = merged(union_all(*values).subquery("raw"), (*CHARACTERISTIC, "station", "start")).subquery("hours")
+    raw = union_all(*values).subquery("raw")
+    by = [raw.c[name] for name in (*CHARACTERISTIC, "station", "start")]
+    m2 = squared_deviations(raw.c.mean)
+    return select(
+        *by,
+        func.count().label("n"),
+        func.avg(raw.c.mean, type_=Double()).label("mean"),
+        m2.label("m2"),
+        func.min(raw.c.minimum).label("minimum"),
+        func.max(raw.c.maximum).label("maximum"),
+        _whole_sum(raw.c.n_low).label("n_low"),
+        _whole_sum(raw.c.n_high).label("n_high"),
+        m2.label("m2_within"),
+        (func.count() - 1).label("dof_within"),
+    ).group_by(*by)
+
+
+def hours_of(rows: Sequence[Select[Any]]) -> Select[Any]:
+    """As `hourly`, of single values and of sums of parts of hours together."""
+    sums = merged(union_all(*rows).subquery("raw"), (*CHARACTERISTIC, "station", "start")).subquery("hours")
     columns = {name: sums.c[name] for name in (*CHARACTERISTIC, "station", "start", *SUMS)}
     columns["m2_within"] = sums.c.m2.label("m2_within")
     columns["dof_within"] = (sums.c.n - 1).label("dof_within")

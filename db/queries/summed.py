@@ -22,6 +22,7 @@ from db.partial_sums import (
     counted,
     epoch_hour,
     hourly,
+    hours_of,
     merged,
     raw_outcomes,
     raw_values,
@@ -357,7 +358,7 @@ def _sums(
         if plan.fresh is not None:
             # An hour is one group of the short-term spread, however much of it is in the sums.
             values = raw_values(plan.fresh, quantities, parts)
-            collect(hourly([kept.where(in_fresh_hours), *values]))
+            collect(hours_of([kept.where(in_fresh_hours), *values]))
     if plan.others is not None:
         for quantity in quantities:
             chosen = plan.others
