@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from alignment.errors import ConfigurationError
 from db.statistics.choices import ChartKind, GrrMethod, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
@@ -23,6 +25,16 @@ gauge_app = typer.Typer(
 )
 
 LONGEST_TABLE = 30
+
+
+def require_finite(param: typer.CallbackParam, value: float | None) -> float | None:
+    """Refuse infinity and NaN, which pass every bound or none."""
+    if value is not None and not math.isfinite(value):
+        raise ConfigurationError(
+            field=f"--{(param.name or '').replace('_', '-')}", expected="a finite number", seen=str(value)
+        )
+    return value
+
 
 FileOption = Annotated[
     Path | None,
@@ -46,12 +58,17 @@ UnitOption = Annotated[str, typer.Option("--unit", help="Unit of the values of a
 ToleranceOption = Annotated[
     float | None,
     typer.Option(
-        "--tolerance", help="Width of the tolerance, in the unit of the values.", show_default=False
+        "--tolerance",
+        callback=require_finite,
+        help="Width of the tolerance, in the unit of the values.",
+        show_default=False,
     ),
 ]
 ReferenceOption = Annotated[
     float | None,
-    typer.Option("--reference", help="Certified value of the master.", show_default=False),
+    typer.Option(
+        "--reference", callback=require_finite, help="Certified value of the master.", show_default=False
+    ),
 ]
 
 
@@ -64,11 +81,17 @@ def type1_command(
     reference: ReferenceOption = None,
     tolerance: ToleranceOption = None,
     share: Annotated[
-        float, typer.Option(help="Percent of the tolerance that the gauge may use.", min=1, max=100)
+        float,
+        typer.Option(
+            callback=require_finite, help="Percent of the tolerance that the gauge may use.", min=1, max=100
+        ),
     ] = 20.0,
-    spread: Annotated[float, typer.Option(help="Spread in standard deviations.", min=1, max=12)] = 6.0,
+    spread: Annotated[
+        float, typer.Option(callback=require_finite, help="Spread in standard deviations.", min=1, max=12)
+    ] = 6.0,
     resolution: Annotated[
-        float | None, typer.Option(help="Resolution of the gauge.", show_default=False)
+        float | None,
+        typer.Option(callback=require_finite, help="Resolution of the gauge.", show_default=False),
     ] = None,
     unit: UnitOption = "",
     out: OutOption = None,
@@ -112,7 +135,8 @@ def grr_command(
     ),
     tolerance: ToleranceOption = None,
     multiplier: Annotated[
-        float, typer.Option(help="Study variation in standard deviations.", min=1, max=12)
+        float,
+        typer.Option(callback=require_finite, help="Study variation in standard deviations.", min=1, max=12),
     ] = 6.0,
     ignore_appraiser: Annotated[
         bool, typer.Option("--ignore-appraiser", help="Type 3: without appraisers.")
@@ -148,7 +172,9 @@ def linearity_command(
     database: DatabaseChoice = None,
     study: StudyOption = None,
     name: NameOption = None,
-    confidence: Annotated[float, typer.Option(help="Of band and limits, percent.", min=50, max=99.9)] = 95.0,
+    confidence: Annotated[
+        float, typer.Option(callback=require_finite, help="Of band and limits, percent.", min=50, max=99.9)
+    ] = 95.0,
     unit: UnitOption = "",
     out: OutOption = None,
     as_json: JsonFlag = False,
@@ -206,7 +232,10 @@ def stability_command(
 @gauge_app.command("budget")
 def budget_command(
     tolerance: Annotated[
-        float, typer.Option(help="Width of the tolerance, in the unit of u.", show_default=False)
+        float,
+        typer.Option(
+            callback=require_finite, help="Width of the tolerance, in the unit of u.", show_default=False
+        ),
     ],
     from_file: Annotated[
         Path | None,
@@ -222,13 +251,21 @@ def budget_command(
         typer.Option(help="CSV of a GRR study: gives EVO, AV and IA.", show_default=False),
     ] = None,
     resolution: Annotated[
-        float | None, typer.Option(help="Resolution of the gauge: gives RE.", min=0, show_default=False)
+        float | None,
+        typer.Option(
+            callback=require_finite, help="Resolution of the gauge: gives RE.", min=0, show_default=False
+        ),
     ] = None,
     calibration_u: Annotated[
         float | None,
-        typer.Option(help="Standard uncertainty of the calibration: CAL.", min=0, show_default=False),
+        typer.Option(
+            callback=require_finite,
+            help="Standard uncertainty of the calibration: CAL.",
+            min=0,
+            show_default=False,
+        ),
     ] = None,
-    coverage_factor: Annotated[float, typer.Option(help="k.", min=1, max=4)] = 2.0,
+    coverage_factor: Annotated[float, typer.Option(callback=require_finite, help="k.", min=1, max=4)] = 2.0,
     unit: UnitOption = "",
     out: OutOption = None,
     as_json: JsonFlag = False,
@@ -270,7 +307,10 @@ def plan_command(
     ] = None,
     trials: Annotated[int, typer.Option(help="Measurements of each part by each appraiser.", min=1)] = 3,
     tolerance: Annotated[
-        float | None, typer.Option(help="Width of the tolerance, degrees.", min=0, show_default=False)
+        float | None,
+        typer.Option(
+            callback=require_finite, help="Width of the tolerance, degrees.", min=0, show_default=False
+        ),
     ] = None,
     station: Annotated[
         str | None, typer.Option(help="Only cycles of this station.", show_default=False)

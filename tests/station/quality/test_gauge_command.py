@@ -115,6 +115,10 @@ def test_linearity_and_stability(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["grr", "--from-file", "{csv}", "--database", "sqlite:///x.db"], "--name"),
         (["stability", "--from-file", "{csv}"], "one master"),
         (["linearity", "--from-file", "{csv}"], "reference"),
+        (["grr", "--from-file", "{csv}", "--tolerance", "inf"], "--tolerance"),
+        (["grr", "--from-file", "{csv}", "--multiplier", "nan"], "--multiplier"),
+        (["type1", "--from-file", "{csv}", "--reference", "nan", "--tolerance", "1"], "--reference"),
+        (["budget", "--tolerance", "nan", "--resolution", "1"], "--tolerance"),
     ],
 )
 def test_wrong_use_ends_with_status_2_and_no_output(

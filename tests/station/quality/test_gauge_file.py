@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from alignment.errors import FormatError
 from station.quality.gauge_file import GaugeRow, read_gauge_file
@@ -99,3 +102,41 @@ def test_binary_file_is_refused(file: Path) -> None:
     file.write_bytes(bytes(range(256)))
     with pytest.raises(FormatError, match="UTF-8"):
         read_gauge_file(file)
+
+
+CELLS = st.one_of(
+    st.sampled_from(
+        ["1", "2", "A", "0.5", "-1e9", "", " ", '"', "'", "nan", "1_0", "０", "=1", "1e400", "\x00"]
+    ),
+    st.text(max_size=6),
+)
+TABLES = st.lists(st.lists(CELLS, min_size=1, max_size=5), max_size=6)
+
+
+@settings(max_examples=300)
+@given(
+    rows=TABLES, head=st.sampled_from(["part,appraiser,trial,value", "value;part", "part\tvalue", "x", ""])
+)
+def test_any_table_is_read_or_refused_in_words(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]], head: str
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "any.csv"
+    separator = next((each for each in "\t;" if each in head), ",")
+    text = "\n".join([head, *(separator.join(row) for row in rows)])
+    file.write_bytes(text.encode("utf-8", "surrogatepass"))
+    with suppress(FormatError):
+        for row in read_gauge_file(file):
+            assert row.value.is_finite()
+            assert row.trial >= 1
+            assert row.part
+
+
+@settings(max_examples=200)
+@given(data=st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused_in_words(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "bytes.csv"
+    file.write_bytes(b"part,value\n" + data)
+    with suppress(FormatError):
+        assert read_gauge_file(file)
