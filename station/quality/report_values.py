@@ -212,11 +212,15 @@ def comparable(series: ValueSeries) -> tuple[Array, bool]:
     """(N,) values in degrees, and whether they count from the middle of their own limits.
 
     They do where vehicles have different limits: their nominal angles differ, and one process is looked for.
+    Where a type has no middle, the median of its values stands for it.
     """
     limits = {(low, high) for low, high in zip(_known(series.low), _known(series.high), strict=True)}
     if len(limits) < 2:
         return series.value * _DEG, False
-    middle = np.nan_to_num((series.low + series.high) / 2.0)
+    middle = (series.low + series.high) / 2.0
+    for kind in set(series.vehicle_type[np.isnan(middle)]):
+        without = np.isnan(middle) & (series.vehicle_type == kind)
+        middle[without] = np.median(series.value[without])
     return (series.value - middle) * _DEG, True
 
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from db.queries import Characteristic, Filter, ResultReader, value_series
+from db.queries import Characteristic, Filter, ResultReader, ValueSeries, value_series
 from db.statistics.choices import ChartKind, RuleSet
 from station.quality.make_report import ReportOptions, make_report
 from station.quality.report import Report
 from station.quality.report_choices import ReportKind, SplitBy
+from station.quality.report_values import comparable
 from tests.station.quality.conftest import HIGH_DEG, PER_STATION, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]
@@ -129,6 +130,24 @@ def test_limits_of_a_good_period_show_what_changed_since(asked: Callable[..., Re
     assert theirs["centre_deg"] < mine["centre_deg"]
     assert theirs["values"] == mine["values"]
     assert theirs["signals"] > mine["signals"]
+
+
+def test_types_with_other_limits_or_none_share_a_chart() -> None:
+    n = 9
+    kinds = np.array(["a", "b", "c"] * 3, dtype=object)
+    nominal = np.array([0.01, 0.02, 0.5] * 3)
+    spread = np.linspace(-0.001, 0.001, n)
+    limited = kinds != "c"
+    nothing = np.full(n, None, dtype=object)
+    series = ValueSeries(
+        TOE, np.arange(n).astype("datetime64[us]"), nominal + spread, np.full(n, 1e-5),
+        np.where(limited, nominal - 0.005, np.nan), np.where(limited, nominal + 0.005, np.nan),
+        nothing, nothing, kinds, nothing, nothing, nothing,
+    )  # fmt: skip
+    values, relative = comparable(series)
+    assert relative
+    assert np.abs(values).max() < np.degrees(0.0011)
+    assert values[limited] == pytest.approx(np.degrees(spread[limited]))
 
 
 def test_the_station_that_reads_more_is_found(asked: Callable[..., Report]) -> None:
