@@ -12,7 +12,7 @@ import numpy as np
 
 from alignment.calibration.gate import ARCMIN
 from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refresh import Movement, Refreshed, refresh
+from alignment.calibration.refresh import Moved, Movement, Refreshed, refresh
 from alignment.errors import ConfigurationError
 from alignment.values import MeasureSettings, RigCalibration
 from sensors.formats import read_calibration_file, read_shot, write_calibration
@@ -75,10 +75,10 @@ def refresh_file(
     known = file.calibration()
     images = [read_shot(shot, known).images for shot in shots]
     found = refresh(images, known, settings, Movement(focal=FOCAL_SIGMA if focal else 0.0))
-    if found.camera is None:
+    if found.moved is None:
         return found, None
     new = replace(found.calibration, id=calibration_id(found.calibration, now_utc))
-    name = " ".join(found.camera)
+    name = " ".join(found.moved.camera)
     write_calibration(
         out, new, method=f"{known.id}, {name} anew from {len(shots)} wheels"[:200], created_utc=now_utc
     )
@@ -91,14 +91,21 @@ def refreshed_as_json(found: Refreshed, new: RigCalibration | None) -> dict[str,
     if found.calibration.covariance is not None:
         u = predict_angle_uncertainty(found.calibration)
         camber, toe = (float(np.degrees(_COVERAGE_FACTOR * each)) for each in u)
+    moved = _moved_as_json(found.moved)
+    other = None
+    if found.other is not None:
+        camber_off, toe_off = (float(angle) / ARCMIN for angle in found.angle_difference)
+        other = _moved_as_json(found.other) | {
+            "camber_difference_arcmin": camber_off,
+            "toe_difference_arcmin": toe_off,
+        }
     return {
         "outcome": "unchanged" if new is None else "refreshed",
         "calibration_id": None if new is None else new.id,
-        "camera": None if found.camera is None else list(found.camera),
+        **moved,
         "certain": found.certain,
-        "turn_arcmin": [float(angle) / ARCMIN for angle in found.moved[:3]],
-        "move_mm": [float(value) for value in found.moved[3:]],
-        "focal_change": found.focal_change,
+        "other": other,
+        "wheels": found.wheels,
         "row_rms_px": found.row_rms_px,
         "predicted_camber_u95_deg": camber,
         "predicted_toe_u95_deg": toe,
@@ -113,4 +120,16 @@ def refreshed_as_json(found: Refreshed, new: RigCalibration | None) -> dict[str,
             }
             for state in found.heads
         ],
+    }
+
+
+def _moved_as_json(moved: Moved | None) -> dict[str, Any]:
+    if moved is None:
+        return {"camera": None, "share": None, "turn_arcmin": None, "move_mm": None, "focal_change": None}
+    return {
+        "camera": list(moved.camera),
+        "share": moved.share,
+        "turn_arcmin": [float(angle) / ARCMIN for angle in moved.step[:3]],
+        "move_mm": [float(value) for value in moved.step[3:]],
+        "focal_change": moved.focal_change,
     }

@@ -37,8 +37,21 @@ def joined(pairs: Sequence[CrossPairs]) -> CrossPairs:
     )
 
 
+SeenWheel = tuple[tuple[LightLines, LightLines] | None, ...]
+"""Light lines of one shot, left and right per head; None for a head that shows none."""
+
+
+def seen_wheel(images: Sequence[StereoImages]) -> SeenWheel:
+    """Find the light lines of one shot."""
+    lines = extract_many([image for pair in images for image in (pair.left, pair.right)])
+    return tuple(
+        None if left is None or right is None else (left, right)
+        for left, right in zip(lines[::2], lines[1::2], strict=True)
+    )
+
+
 def cross_pairs(
-    images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+    wheel: SeenWheel, calibration: RigCalibration, settings: MeasureSettings
 ) -> tuple[CrossPairs, ...]:
     """Pair the crosses of each head; cameras that have moved by some pixels still find their pairs.
 
@@ -48,8 +61,8 @@ def cross_pairs(
 
     Parameters
     ----------
-    images
-        One pair per head, in the order of `calibration.heads`.
+    wheel
+        Light lines of one shot, head by head in the order of `calibration.heads`.
     calibration
         As in force.
     settings
@@ -60,17 +73,15 @@ def cross_pairs(
     tuple of CrossPairs
         One per head; empty where a head shows no lines or no plane was found.
     """
-    lines = extract_many([image for pair in images for image in (pair.left, pair.right)])
-    heads = list(zip(lines[::2], lines[1::2], calibration.heads, strict=True))
     points, groups = [], []
     first = 0
-    for left, right, head in heads:
-        if left is None or right is None:
+    for pair, head in zip(wheel, calibration.heads, strict=True):
+        if pair is None:
             continue
-        found = match_lines(left, right, head, settings.depth_range_mm)
+        found = match_lines(*pair, head, settings.depth_range_mm)
         points.append(found.points)
         groups.append(found.left_point + first)
-        first += len(left.points)
+        first += len(pair[0].points)
     nothing = CrossPairs(np.zeros((0, 2)), np.zeros((0, 2)))
     if not points:
         return (nothing,) * len(calibration.heads)
@@ -80,8 +91,8 @@ def cross_pairs(
         return (nothing,) * len(calibration.heads)
     plane = planes[0].coefficients
     return tuple(
-        nothing if left is None or right is None else _pair(left, right, head, plane)
-        for left, right, head in heads
+        nothing if pair is None else _pair(*pair, head, plane)
+        for pair, head in zip(wheel, calibration.heads, strict=True)
     )
 
 

@@ -79,6 +79,19 @@ def solve_symmetric(matrix: Array, rows: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def products(a: Array, b: Array) -> Array:
+    """Aᵀ B (p, q) of (N, p) and (N, q)."""
+    out = np.zeros((a.shape[1], b.shape[1]))
+    for n in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            value = a[n, i]
+            if value != 0.0:
+                for j in range(b.shape[1]):
+                    out[i, j] += value * b[n, j]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(
     matrix: Array, vector: Array, coupling: Array, inverse_blocks: Array, block_vector: Array
 ) -> tuple[Array, Array]:

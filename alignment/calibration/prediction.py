@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from alignment.calibration.projection import INTRINSICS, project_with_derivatives
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
+from alignment.kernels import njit
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe_jacobian
 
@@ -96,7 +97,7 @@ def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = 
     size = len(calibration.parameter_names)
     for head in calibration.heads:
         seen = wheel_points(head, wheel)
-        local = _line_sensitivity(head, seen)
+        local = line_sensitivity(head, seen)
         at_head = np.zeros((len(seen), 3, size))
         at_head[:, :, first : first + local.shape[2]] = local
         first += local.shape[2]
@@ -109,7 +110,7 @@ def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = 
     normal = np.column_stack([-slope[:, None] * outward, np.ones(len(x))])
     heights = np.einsum("na,nap->np", normal, np.concatenate(moves))
     # Unknowns of the fit: slopes of z along x and y, the axis' place, the profile.
-    design = np.column_stack([x[:, 0], x[:, 1], -slope[:, None] * outward, _profile_basis(radius)])
+    design = np.column_stack([x[:, 0], x[:, 1], -slope[:, None] * outward, profile_basis(radius)])
     # Least norm: where the sidewall is flat, the axis' place has no effect and no value.
     solution = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=1e-12)[0]
     normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
@@ -198,25 +199,43 @@ def _size(camera: PosedCamera) -> int:
 
 def camera_derivatives(camera: PosedCamera, points: Array) -> tuple[Array, Array]:
     """(N, 2, 3) derivatives of pixels by the point, rig frame, and (N, 2, P) by the camera's parameters."""
-    rotation = camera.rig_from_camera.rotation
-    inside = camera.rig_from_camera.inverse().apply(points)
-    packed = camera.model.packed()
     size = _size(camera)
-    by_point, by_camera = np.empty((len(points), 2, 3)), np.empty((len(points), 2, size))
+    by_point, by_camera, seen = _derivatives(
+        np.ascontiguousarray(camera.rig_from_camera.inverse().apply(points)),
+        np.ascontiguousarray(camera.rig_from_camera.rotation),
+        camera.model.packed(),
+    )
+    if not seen:
+        raise DegenerateInputError(
+            field="points",
+            expected="points that the camera sees",
+            seen="one behind it or beyond its lens",
+        )
+    return by_point, by_camera[:, :, :size]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _derivatives(inside: Array, rotation: Array, packed: Array) -> tuple[Array, Array, bool]:
+    """By the point (N, 2, 3), rig frame, and by pose and intrinsics (N, 2, 24); False where one is unseen."""
+    n = inside.shape[0]
+    by_point, by_camera = np.zeros((n, 2, 3)), np.zeros((n, 2, 6 + INTRINSICS))
     local, intrinsics = np.zeros((2, 3)), np.zeros((2, INTRINSICS))
-    for i, (x, y, z) in enumerate(inside):
+    for i in range(n):
+        x, y, z = inside[i, 0], inside[i, 1], inside[i, 2]
         _, _, ok = project_with_derivatives(x, y, z, packed, local, intrinsics)
         if not ok:
-            raise DegenerateInputError(
-                field="points",
-                expected="points that the camera sees",
-                seen="one behind it or beyond its lens",
-            )
-        by_point[i] = local @ rotation.T
-        by_camera[i, :, :3] = local @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        by_camera[i, :, 3:6] = -by_point[i]
-        by_camera[i, :, 6:] = intrinsics[:, : size - 6]
-    return by_point, by_camera
+            return by_point, by_camera, False
+        for e in range(2):
+            p0, p1, p2 = local[e, 0], local[e, 1], local[e, 2]
+            by_camera[i, e, 0] = p1 * z - p2 * y
+            by_camera[i, e, 1] = p2 * x - p0 * z
+            by_camera[i, e, 2] = p0 * y - p1 * x
+            for a in range(3):
+                by_point[i, e, a] = p0 * rotation[a, 0] + p1 * rotation[a, 1] + p2 * rotation[a, 2]
+                by_camera[i, e, 3 + a] = -by_point[i, e, a]
+            for a in range(INTRINSICS):
+                by_camera[i, e, 6 + a] = intrinsics[e, a]
+    return by_point, by_camera, True
 
 
 def _ray_sensitivity(head: HeadCalibration, points: Array) -> Array:
@@ -227,7 +246,7 @@ def _ray_sensitivity(head: HeadCalibration, points: Array) -> Array:
     return out
 
 
-def _line_sensitivity(head: HeadCalibration, points: Array) -> Array:
+def line_sensitivity(head: HeadCalibration, points: Array) -> Array:
     """(N, 3, P) movement of points where a left ray meets a right light line across the epipolar lines."""
     by_point, by_camera = _stacked(head, points)
     base = head.right.rig_from_camera.translation - head.left.rig_from_camera.translation
@@ -252,7 +271,7 @@ def _stacked(head: HeadCalibration, points: Array) -> tuple[Array, Array]:
     return np.concatenate([left_point, right_point], axis=1), by_camera
 
 
-def _profile_basis(radius: Array) -> Array:
+def profile_basis(radius: Array) -> Array:
     """(N, K) piecewise linear basis over the radius."""
     low, high = radius.min(), radius.max()
     count = max(2, math.ceil((high - low) / _PROFILE_STEP) + 1)

@@ -1,40 +1,51 @@
-"""Recalibration in use: which camera moved, from the crosses of ordinary wheels, and where it looks now.
+"""Recalibration in use: which camera moved, from shots of ordinary wheels, and where it looks now.
 
-Corresponding crosses lie on one row of the rectified head. When a camera was knocked or refocused they leave
-it. Of all cameras the one is held to have changed whose movement explains that best; its pose alone (and its
-focal length when asked) is estimated anew, everything else is held, and all uncertainties are carried along
-(the consider filter of Schmidt 1966). What rows cannot tell, a shift along the baseline above all, stays as
-uncertain as the allowed movement, and the covariance says so.
+Two things tell. Corresponding crosses lie on one row of the rectified head, and the points of all heads lie
+on one surface of revolution. When a camera was knocked or refocused both fail. Of all cameras the one is held
+to have changed whose movement explains that best; its pose alone (and its focal length when asked) is
+estimated anew, everything else is held, and all uncertainties are carried along (the consider estimate of
+Schmidt 1966).
+
+As the other cameras are held with their errors, the pose is not the most likely one but the one that makes
+the angles right: an update of all parameters (Kalman's) says how camber, toe, rows and surfaces should
+change, and the moved camera's pose is chosen to change them so.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from alignment.calibration.cross_pairs import CrossPairs, cross_pairs, joined
+from alignment.calibration.cross_pairs import CrossPairs, SeenWheel, cross_pairs, joined, seen_wheel
 from alignment.calibration.observations import CameraKey
+from alignment.calibration.prediction import angle_sensitivity
+from alignment.calibration.row_equations import (
+    Equations,
+    camera_rows,
+    joined_equations,
+    robust_rms,
+    row_differences,
+    row_equations,
+    stepped,
+    with_camera,
+)
+from alignment.calibration.wheel_equations import WheelBase, wheel_base, wheel_equations
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import PosedCamera
-from alignment.measure import measure_wheel
-from alignment.stereo.rectification import Rectification
-from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
+from alignment.values import MeasureSettings, RigCalibration, StereoImages
 
 Array = NDArray[np.float64]
 
-_LEAST_PAIRS = 60
-_LEAST_SIGMA_PX = 0.02
-_SYSTEMATIC_PX = 0.03  # what crosses of one shot have in common: the projector's lines, gloss
-_STEPS = np.array([1e-6] * 3 + [1e-4] * 3)
-_ITERATIONS = 4
-_CLEAR_EVIDENCE = 10.0  # difference of −2 log evidence that decides
-_BETTER_FIT = 0.8  # ratio of the wheels' residuals that tells a head's two cameras apart; near 1 is chance
-_TUKEY = 4.685
+_ROW_ROUNDS, _MOST_ROUNDS = 2, 6
+_CLEAR_EVIDENCE = 20.0  # difference of −2 log evidence that decides
+_FALSE_ALARM = 1e-4  # of heads and rigs that have not changed
+_ANGLE_SIGMA = 6e-7  # radians, 0.002′; how much more the angles count than single equations
+# Wheels are not quite bodies of revolution: what they show may be that much larger than noise.
+_WHEEL_EXCESS = 3.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +65,31 @@ class Movement:
     rotation: float = 5e-3
     shift_mm: float = 0.1
     focal: float = 0.0
+
+    @property
+    def covariance(self) -> Array:
+        """(6, 6), or (7, 7) with the focal length."""
+        variances = [self.rotation**2] * 3 + [self.shift_mm**2] * 3
+        return np.diag(variances + ([self.focal**2] if self.focal > 0 else []))
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What several shots of ordinary wheels show.
+
+    Attributes
+    ----------
+    pairs
+        Crosses seen by both cameras, of all shots together, one `CrossPairs` per head.
+    wheels
+        Light lines of each shot; none leaves it to the rows.
+    settings
+        Of the measurement.
+    """
+
+    pairs: tuple[CrossPairs, ...]
+    wheels: tuple[SeenWheel, ...] = ()
+    settings: MeasureSettings = field(default_factory=MeasureSettings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +123,28 @@ class HeadState:
 
 
 @dataclass(frozen=True, eq=False)
+class Moved:
+    """A camera and how it moved.
+
+    Attributes
+    ----------
+    camera
+        Head and side.
+    step
+        (6,) rotation about its axes, radians, and shift of its centre, rig frame, millimetres.
+    focal_change
+        Relative change of its focal length.
+    share
+        Probability that it was this camera, of those that come into question.
+    """
+
+    camera: CameraKey
+    step: Array
+    focal_change: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
 class Refreshed:
     """What a recalibration in use found.
 
@@ -94,27 +152,61 @@ class Refreshed:
     ----------
     heads
         How every head's rows agreed before.
-    camera
-        The camera that changed; None when none did.
-    certain
-        False where the other camera of its head explains the rows as well and the wheels do not tell.
     moved
-        (6,) rotation about its axes, radians, and shift of its centre, rig frame, millimetres.
-    focal_change
-        Relative change of its focal length.
+        The camera that changed; None when none did.
+    other
+        Another one that explains the shots nearly as well; None when it is certain.
+    angle_difference
+        (2,) by how much camber and toe would differ, radians, had it been the other one.
     row_rms_px
         RMS of the row differences of its head, pixels, afterwards.
+    wheels
+        Shots whose surfaces counted.
     calibration
-        With the new pose and the joint covariance; the given one when nothing changed.
+        With the new pose and the joint covariance, which knows of the other possibility; the given one when
+        nothing changed.
     """
 
     heads: tuple[HeadState, ...]
-    camera: CameraKey | None
-    certain: bool
-    moved: Array
-    focal_change: float
+    moved: Moved | None
+    other: Moved | None
+    angle_difference: Array
     row_rms_px: float
+    wheels: int
     calibration: RigCalibration
+
+    @property
+    def certain(self) -> bool:
+        """Whether the shots tell which camera it was."""
+        return self.other is None
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One camera's movement as the shots show it.
+
+    Attributes
+    ----------
+    camera
+        Head and side.
+    step
+        (6 or 7,) movement, and relative change of the focal length.
+    calibration
+        With it, and with the joint covariance.
+    evidence
+        −2 log evidence of the hypothesis that it was this camera.
+    row_rms_px
+        RMS of the row differences of its head, pixels.
+    wheels
+        Shots whose surfaces counted.
+    """
+
+    camera: CameraKey
+    step: Array
+    calibration: RigCalibration
+    evidence: float
+    row_rms_px: float
+    wheels: int
 
 
 def refresh(
@@ -128,7 +220,7 @@ def refresh(
     Parameters
     ----------
     shots
-        Images of ordinary wheels, each one pair per head; ten or more make the rows' curvature visible.
+        Images of ordinary wheels, each one pair per head; ten of different wheels tell most of it.
     calibration
         As in force, with its covariance.
     settings
@@ -142,204 +234,178 @@ def refresh(
         When the calibration has no covariance, or a head shows too few crosses, or cameras of two heads
         changed: then a plate is needed.
     """
-    every = [cross_pairs(images, calibration, settings) for images in shots]
-    pairs = [joined([of_shot[k] for of_shot in every]) for k in range(len(calibration.heads))]
-    found = refresh_from_pairs(pairs, calibration, movement)
-    if found.camera is None or found.certain:
-        return found
-    other = other_camera(found.camera)
-    second = estimate(pairs, calibration, other, movement)
-    # The rows alone do not tell left from right; a wheel is round only with the right one.
-    here, there = (_wheel_residual(shots, c, settings) for c in (found.calibration, second.calibration))
-    if there < _BETTER_FIT * here:
-        return replace(second, heads=found.heads, certain=True)
-    return replace(found, certain=here < _BETTER_FIT * there)
+    return refresh_from(gather(shots, calibration, settings), calibration, movement)
 
 
-def refresh_from_pairs(
-    pairs: Sequence[CrossPairs], calibration: RigCalibration, movement: Movement | None = None
+def gather(
+    shots: Sequence[Sequence[StereoImages]], calibration: RigCalibration, settings: MeasureSettings
+) -> Sightings:
+    """Find light lines and pairs of crosses in all shots."""
+    wheels = tuple(seen_wheel(images) for images in shots)
+    every = [cross_pairs(wheel, calibration, settings) for wheel in wheels]
+    pairs = tuple(joined([of_shot[k] for of_shot in every]) for k in range(len(calibration.heads)))
+    return Sightings(pairs, wheels, settings)
+
+
+def refresh_from(
+    sightings: Sightings, calibration: RigCalibration, movement: Movement | None = None
 ) -> Refreshed:
-    """As `refresh`, from crosses that are paired already, one `CrossPairs` per head.
-
-    `certain` is then False whenever both cameras of the head explain the rows about equally.
-    """
-    heads = tuple(_state(calibration, k, head_pairs) for k, head_pairs in enumerate(pairs))
-    changed = [k for k, state in enumerate(heads) if state.changed]
-    if not changed:
-        worst = max(state.row_rms_px for state in heads)
-        return Refreshed(heads, None, True, np.zeros(6), 0.0, worst, calibration)
-    if len(changed) > 1:
+    """As `refresh`, from what was seen already."""
+    heads = tuple(_state(calibration, k, pairs) for k, pairs in enumerate(sightings.pairs))
+    suspects = [k for k, state in enumerate(heads) if state.changed]
+    if len(suspects) > 1:
         raise DegenerateInputError(
             field="shots",
             expected="one camera that changed",
-            seen=f"changes in {', '.join(heads[k].name for k in changed)}",
+            seen=f"changes in {', '.join(heads[k].name for k in suspects)}",
             cure="Calibrate the rig with the plate.",
         )
-    name = heads[changed[0]].name
-    both = [
-        _consider(calibration, changed[0], side, pairs[changed[0]], movement or Movement())
-        for side in range(2)
+    surfaces = {
+        k: _surfaces(sightings, calibration, k)
+        for k in suspects or range(len(heads) if sightings.wheels else 0)
+    }
+    if not suspects and any(_disagree(each, calibration) for each in surfaces.values()):
+        # A turn that shifts the image along the rows alone: any head may be the one.
+        suspects = list(surfaces)
+    if not suspects:
+        worst = max(state.row_rms_px for state in heads)
+        return Refreshed(heads, None, None, np.zeros(2), worst, 0, calibration)
+    found = [
+        estimate(sightings, calibration, (heads[k].name, side), movement, surfaces[k])
+        for k in suspects
+        for side in ("left", "right")
     ]
-    best = int(both[1].evidence < both[0].evidence)
-    certain = abs(both[1].evidence - both[0].evidence) > _CLEAR_EVIDENCE
-    camera: CameraKey = (name, "left" if best == 0 else "right")
-    return replace(estimate(pairs, calibration, camera, movement), heads=heads, certain=certain)
+    found.sort(key=lambda each: each.evidence)
+    best, second = found[0], found[1]
+    behind = second.evidence - best.evidence
+    share = 1.0 / (1.0 + math.exp(-0.5 * min(behind, 200.0)))
+    if behind > _CLEAR_EVIDENCE:
+        moved = _as_moved(best, 1.0)
+        return Refreshed(heads, moved, None, np.zeros(2), best.row_rms_px, best.wheels, best.calibration)
+    difference = _parameters_apart(calibration, best, second)
+    covariances = [each.calibration.covariance for each in (best, second)]
+    assert covariances[0] is not None
+    assert covariances[1] is not None
+    # Of the two possibilities together, about the one that is believed.
+    mixed = share * covariances[0] + (1.0 - share) * (covariances[1] + np.outer(difference, difference))
+    return Refreshed(
+        heads=heads,
+        moved=_as_moved(best, share),
+        other=_as_moved(second, 1.0 - share),
+        angle_difference=angle_sensitivity(calibration) @ difference,
+        row_rms_px=best.row_rms_px,
+        wheels=best.wheels,
+        calibration=replace(best.calibration, covariance=mixed),
+    )
 
 
 def estimate(
-    pairs: Sequence[CrossPairs],
+    sightings: Sightings,
     calibration: RigCalibration,
     camera: CameraKey,
     movement: Movement | None = None,
-) -> Refreshed:
-    """Estimate the pose of one camera anew from the crosses of its head, the others held.
+    surfaces: Sequence[WheelBase] | None = None,
+) -> Estimate:
+    """Estimate the pose of one camera anew, the others held.
+
+    Parameters
+    ----------
+    sightings
+        What was seen.
+    calibration
+        As in force, with its covariance.
+    camera
+        Which one.
+    movement
+        How far it may have moved; None for the defaults.
+    surfaces
+        The wheels as the other heads see them, where that is known already.
 
     Raises
     ------
     DegenerateInputError
         When the calibration has no covariance, no such camera, or there are too few crosses.
     """
+    movement = movement or Movement()
     names = [head.name for head in calibration.heads]
     if camera[0] not in names:
         raise DegenerateInputError(field="camera", expected=f"a camera of {', '.join(names)}", seen=camera[0])
-    head = names.index(camera[0])
-    side = 0 if camera[1] == "left" else 1
-    result = _consider(calibration, head, side, pairs[head], movement or Movement())
-    residuals = _rows(result.calibration.heads[head], pairs[head])
-    return Refreshed(
-        heads=(),
-        camera=camera,
-        certain=True,
-        moved=result.step[:6],
-        focal_change=float(result.step[6]) if len(result.step) > 6 else 0.0,
-        row_rms_px=_robust_rms(residuals),
-        calibration=result.calibration,
-    )
+    joint = _covariance(calibration)
+    head, side = names.index(camera[0]), int(camera[1] == "right")
+    known = calibration.heads[head].cameras[side]
+    rows = camera_rows(calibration)[2 * head + side]
+    # Unknowns of the step in terms of all parameters: pose, and both focal lengths together.
+    allowed = movement.covariance
+    basis = np.zeros((len(joint), len(allowed)))
+    basis[range(rows.start, rows.start + 6), range(6)] = 1.0
+    if len(allowed) > 6:
+        basis[rows.start + 6 : rows.start + 8, 6] = known.model.fx, known.model.fy
+    prior = joint + basis @ allowed @ basis.T
+    angles = angle_sensitivity(calibration) / _ANGLE_SIGMA
+    if surfaces is None:
+        surfaces = _surfaces(sightings, calibration, head)
+
+    step, current = np.zeros(len(allowed)), calibration
+    for number in range(_MOST_ROUNDS):
+        # Lines find their partners along rows that are about right: rows first.
+        equations, scale = row_equations(current, head, sightings.pairs[head]), 0.0
+        if surfaces and number >= _ROW_ROUNDS:
+            shapes = wheel_equations(surfaces, current)
+            misfit = shapes.values - shapes.derivatives @ basis @ step
+            shapes, scale = _as_noisy_as_they_are(shapes, misfit, prior)
+            equations = joined_equations([equations, shapes])
+        h = equations.derivatives
+        # Values as they would be at the old calibration, to first order about the new one.
+        values = equations.values - h @ basis @ step
+        spread = h @ prior @ h.T + np.eye(len(h))
+        kalman = np.linalg.solve(spread, h @ prior).T
+        wanted = np.concatenate([angles, h])
+        mine = wanted @ basis
+        gain = np.linalg.solve(mine.T @ mine + np.linalg.inv(allowed), mine.T @ (wanted @ kalman))
+        before, step = step, -gain @ values
+        current = with_camera(calibration, head, side, stepped(known, (basis @ step)[rows]))
+        if number >= _ROW_ROUNDS and np.abs(angles @ basis @ (step - before)).max() < 1.0:
+            break
+    keep = np.eye(len(joint)) - basis @ gain @ h
+    covariance = keep @ prior @ keep.T + basis @ gain @ gain.T @ basis.T
+    evidence = float(values @ np.linalg.solve(spread, values) + np.linalg.slogdet(spread)[1]) + scale
+    rest = robust_rms(row_differences(current.heads[head], sightings.pairs[head]))
+    refreshed = replace(current, covariance=0.5 * (covariance + covariance.T))
+    return Estimate(camera, step, refreshed, evidence, rest, len(surfaces))
 
 
-def other_camera(camera: CameraKey) -> CameraKey:
-    """Return the other camera of the same head."""
-    return camera[0], "right" if camera[1] == "left" else "left"
+def _as_noisy_as_they_are(shapes: Equations, misfit: Array, prior: Array) -> tuple[Equations, float]:
+    """Equations of wheels with the noise that their misfit shows, and what that adds to −2 log evidence.
+
+    What all wheels have in common, the projector's lines, the way in which tyres are not round, does not show
+    in how they differ.
+    """
+    h = shapes.derivatives
+    spread = h @ prior @ h.T + np.eye(len(h))
+    factor = math.sqrt(max(1.0, float(misfit @ np.linalg.solve(spread, misfit)) / len(misfit)))
+    return Equations(shapes.values / factor, h / factor), 2.0 * len(misfit) * math.log(factor)
 
 
-@dataclass(frozen=True, eq=False)
-class _Considered:
-    """The changed camera's step (6 or 7,), the calibration with it, and −2 log evidence of the hypothesis."""
-
-    step: Array
-    calibration: RigCalibration
-    evidence: float
+def _as_moved(found: Estimate, share: float) -> Moved:
+    focal = float(found.step[6]) if len(found.step) > 6 else 0.0
+    return Moved(found.camera, found.step[:6], focal, share)
 
 
-def _rows(head: HeadCalibration, pairs: CrossPairs) -> Array:
-    """(N,) row differences of the pairs in the rectified head, pixels."""
-    frame = Rectification.of(head.left, head.right)
-    left, _ = frame.coordinates(head.left, pairs.left)
-    right, _ = frame.coordinates(head.right, pairs.right)
-    out: Array = (left[:, 1] - right[:, 1]) * 0.5 * (head.left.model.fx + head.right.model.fx)
+def _parameters_apart(calibration: RigCalibration, one: Estimate, other: Estimate) -> Array:
+    """(P,) parameters of the rig had the other camera moved, less those had the one."""
+    out = np.zeros(len(calibration.parameter_names))
+    names = [head.name for head in calibration.heads]
+    for found, sign in ((one, -1.0), (other, 1.0)):
+        number = 2 * names.index(found.camera[0]) + int(found.camera[1] == "right")
+        first = camera_rows(calibration)[number].start
+        out[first : first + 6] += sign * found.step[:6]
+        if len(found.step) > 6:
+            model = calibration.heads[number // 2].cameras[number % 2].model
+            out[first + 6 : first + 8] += sign * found.step[6] * np.array([model.fx, model.fy])
     return out
 
 
-def _sizes(calibration: RigCalibration) -> list[tuple[int, int]]:
-    """Number of parameters of the left and right camera of each head."""
-    return [(_size(head.left), _size(head.right)) for head in calibration.heads]
-
-
-def _size(camera: PosedCamera) -> int:
-    return 6 + len(camera.model.parameters)
-
-
-def _moved(camera: PosedCamera, step: Array) -> PosedCamera:
-    """Camera after a step of all its parameters."""
-    return PosedCamera(
-        camera.model.with_parameters(camera.model.parameters + step[6:]),
-        camera.rig_from_camera.perturbed(step[:3], step[3:6]),
-    )
-
-
-def _jacobian(head: HeadCalibration, pairs: CrossPairs) -> Array:
-    """(N, P) derivatives of the row differences by all parameters of the head, by central differences."""
-    columns = []
-    for side, camera in enumerate(head.cameras):
-        steps = np.concatenate([_STEPS, 1e-6 * np.maximum(1.0, np.abs(camera.model.parameters))])
-        for k, size in enumerate(steps):
-            step = np.zeros(len(steps))
-            step[k] = size
-            ahead, behind = (
-                _rows(_with(head, side, _moved(camera, sign * step)), pairs) for sign in (1.0, -1.0)
-            )
-            columns.append((ahead - behind) / (2.0 * size))
-    return np.column_stack(columns)
-
-
-def _with(head: HeadCalibration, side: int, camera: PosedCamera) -> HeadCalibration:
-    return replace(head, left=camera) if side == 0 else replace(head, right=camera)
-
-
-@dataclass(frozen=True, eq=False)
-class _Compressed:
-    """Row differences as equations with unit noise: values (R,) and derivatives (R, P)."""
-
-    values: Array
-    derivatives: Array
-
-
-def _compressed(head: HeadCalibration, pairs: CrossPairs) -> _Compressed:
-    """Bring the rows of thousands of pairs to as many equations as there are parameters.
-
-    Raises
-    ------
-    DegenerateInputError
-        When there are too few pairs.
-    """
-    if len(pairs.left) < _LEAST_PAIRS:
-        raise DegenerateInputError(
-            field=head.name,
-            expected=f"at least {_LEAST_PAIRS} crosses of light lines that both cameras see",
-            seen=str(len(pairs.left)),
-            cure="Take more shots of ordinary wheels.",
-        )
-    values = _rows(head, pairs)
-    derivatives = _jacobian(head, pairs)
-    # What a changed camera does to the rows is smooth over the image; the rest is noise and wrong pairs.
-    uv = (pairs.left - pairs.left.mean(axis=0)) / pairs.left.std(axis=0)
-    smooth = np.column_stack([np.ones(len(uv)), uv, uv[:, 0] * uv[:, 1], uv**2])
-    weight = np.ones(len(uv))
-    for _ in range(10):
-        weighted = smooth * weight[:, None]
-        fit = np.linalg.solve(_products(weighted, smooth), np.einsum("na,n->a", weighted, values))
-        rest = values - smooth @ fit
-        sigma = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_SIGMA_PX)
-        weight = np.clip(1.0 - (rest / (_TUKEY * sigma)) ** 2, 0.0, None)
-    # Crosses of one shot share errors, so the noise does not average down for ever.
-    effective = float(weight.sum())
-    sigma = math.sqrt(sigma**2 + effective * _SYSTEMATIC_PX**2 / 4.0) if effective > 0 else sigma
-    whitened = np.column_stack([derivatives, values]) * (np.sqrt(weight) / sigma)[:, None]
-    length = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
-    products = _products(whitened / length, whitened / length)
-    # Of the derivatives' products the eigenvectors are the equations; the tiniest are rounding.
-    squares, vectors = np.linalg.eigh(products[:-1, :-1])
-    real = squares > 1e-12 * squares[-1]
-    root, vectors = np.sqrt(squares[real]), vectors[:, real]
-    return _Compressed(
-        vectors.T @ products[:-1, -1] / root * length[-1], root[:, None] * vectors.T * length[:-1]
-    )
-
-
-def _products(a: Array, b: Array) -> Array:
-    """Aᵀ B of (N, p) and (N, q), in one thread: threaded products wait for each other on busy cores."""
-    out: Array = np.einsum("na,nb->ab", a, b)
-    return out
-
-
-def _blocks(calibration: RigCalibration, head: int) -> tuple[slice, Array]:
-    """Rows of a head in the joint covariance, and that covariance.
-
-    Raises
-    ------
-    DegenerateInputError
-        When there is none.
-    """
+def _covariance(calibration: RigCalibration) -> Array:
     if calibration.covariance is None:
         raise DegenerateInputError(
             field="covariance",
@@ -347,76 +413,32 @@ def _blocks(calibration: RigCalibration, head: int) -> tuple[slice, Array]:
             seen="none",
             cure="Calibrate the rig with the plate.",
         )
-    sizes = [sum(pair) for pair in _sizes(calibration)]
-    return slice(sum(sizes[:head]), sum(sizes[: head + 1])), calibration.covariance
+    return calibration.covariance
 
 
 def _state(calibration: RigCalibration, head: int, pairs: CrossPairs) -> HeadState:
-    rows, covariance = _blocks(calibration, head)
     known = calibration.heads[head]
-    equations = _compressed(known, pairs)
-    spread = equations.derivatives @ covariance[rows, rows] @ equations.derivatives.T + np.eye(
-        len(equations.values)
-    )
+    excess, limit = _excess(calibration, row_equations(calibration, head, pairs))
+    return HeadState(known.name, len(pairs.left), robust_rms(row_differences(known, pairs)), excess, limit)
+
+
+def _excess(calibration: RigCalibration, equations: Equations) -> tuple[float, float]:
+    """Squared size of the values in their standard deviations, the calibration's included; its limit."""
+    h = equations.derivatives
+    spread = h @ _covariance(calibration) @ h.T + np.eye(len(h))
     excess = float(equations.values @ np.linalg.solve(spread, equations.values))
-    limit = float(chi2.ppf(1.0 - 1e-4, len(equations.values)))
-    return HeadState(known.name, len(pairs.left), _robust_rms(_rows(known, pairs)), excess, limit)
+    return excess, float(chi2.ppf(1.0 - _FALSE_ALARM, len(h)))
 
 
-def _robust_rms(values: Array) -> float:
-    """RMS without the pairs that are wrong."""
-    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
-    near = values[np.abs(values - np.median(values)) <= 5.0 * spread + 1e-12]
-    return float(np.sqrt(np.square(near).mean()))
+def _surfaces(sightings: Sightings, calibration: RigCalibration, head: int) -> list[WheelBase]:
+    """The wheels as all heads but one see them."""
+    bases = [wheel_base(wheel, calibration, head, sightings.settings) for wheel in sightings.wheels]
+    return [base for base in bases if base is not None]
 
 
-def _consider(
-    calibration: RigCalibration, head: int, side: int, pairs: CrossPairs, movement: Movement
-) -> _Considered:
-    """Estimate the step of one camera, all other parameters considered with their covariance but held."""
-    rows, joint = _blocks(calibration, head)
-    sizes = _sizes(calibration)[head]
-    first = rows.start + (sizes[0] if side else 0)
-    size = sizes[side]
-    # Unknowns of the step in terms of the camera's parameters: pose, and both focal lengths together.
-    unknowns = 6 + (movement.focal > 0)
-    camera = calibration.heads[head].cameras[side]
-    basis = np.zeros((size, unknowns))
-    basis[range(6), range(6)] = 1.0
-    if movement.focal > 0:
-        basis[6, 6], basis[7, 6] = camera.model.fx, camera.model.fy
-    allowed = np.diag(
-        [movement.rotation**2] * 3 + [movement.shift_mm**2] * 3 + [movement.focal**2] * (unknowns - 6)
-    )
-    prior = joint.copy()
-    mine = slice(first, first + size)
-    prior[mine, mine] += basis @ allowed @ basis.T
-    step, evidence = np.zeros(unknowns), 0.0
-    current = calibration.heads[head]
-    for _ in range(_ITERATIONS):
-        equations = _compressed(current, pairs)
-        h = np.zeros((len(equations.values), len(joint)))
-        h[:, rows] = equations.derivatives
-        spread = h @ prior @ h.T + np.eye(len(h))
-        # Row differences as they would be at the old calibration, to first order about the new one.
-        values = equations.values - h[:, mine] @ basis @ step
-        gain = np.linalg.solve(spread, h @ prior[:, mine] @ np.linalg.pinv(basis).T).T
-        step = -gain @ values
-        evidence = float(values @ np.linalg.solve(spread, values) + np.linalg.slogdet(spread)[1])
-        current = _with(calibration.heads[head], side, _moved(camera, basis @ step))
-    change = np.zeros((len(joint), len(h)))
-    change[mine] = basis @ gain
-    keep = np.eye(len(joint)) - change @ h
-    covariance = keep @ prior @ keep.T + change @ change.T
-    heads = tuple(current if k == head else known for k, known in enumerate(calibration.heads))
-    refreshed = replace(calibration, heads=heads, covariance=0.5 * (covariance + covariance.T))
-    return _Considered(step, refreshed, evidence)
-
-
-def _wheel_residual(
-    shots: Sequence[Sequence[StereoImages]], calibration: RigCalibration, settings: MeasureSettings
-) -> float:
-    """Mean RMS residual of the wheels, millimetres; infinite when one is refused."""
-    found = [measure_wheel(images, calibration, settings) for images in shots]
-    residuals = [m.residual_rms_mm for m in found if isinstance(m, WheelMeasurement)]
-    return float(np.mean(residuals)) if len(residuals) == len(found) else math.inf
+def _disagree(surfaces: Sequence[WheelBase], calibration: RigCalibration) -> bool:
+    """Whether a head sees other surfaces than the calibration and its uncertainty allow."""
+    if not surfaces:
+        return False
+    excess, limit = _excess(calibration, wheel_equations(surfaces, calibration))
+    return excess > _WHEEL_EXCESS * limit

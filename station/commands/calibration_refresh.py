@@ -30,8 +30,9 @@ def refresh_command(
 ) -> None:
     """Find the one camera that was moved, from shots of ordinary wheels, and estimate its pose anew.
 
-    All other cameras are held. What wheels cannot tell of the new pose stays uncertain, and the calibration
-    says how much: when its angles are too uncertain, calibrate with the plate.
+    Light lines must meet their epipolar lines, and all heads must see one body of revolution. All other
+    cameras are held. What wheels cannot tell stays uncertain, and the calibration says how much: when its
+    angles are too uncertain, calibrate with the plate.
     """
     from datetime import UTC, datetime
 
@@ -57,11 +58,17 @@ def _print(result: dict[str, Any]) -> None:
         return
     turn = ", ".join(f"{angle:+.2f}′" for angle in result["turn_arcmin"])
     move = ", ".join(f"{value:+.3f}" for value in result["move_mm"])
-    doubt = "" if result["certain"] else " (or the other one of its head)"
     typer.echo(
-        f"{' '.join(result['camera'])} changed{doubt}: turned {turn}, moved {move} mm; its head's rows now "
-        f"{result['row_rms_px']:.3f} px RMS"
+        f"{' '.join(result['camera'])} changed: turned {turn}, moved {move} mm; its head's rows now "
+        f"{result['row_rms_px']:.3f} px RMS, from the surfaces of {result['wheels']} wheels"
     )
+    other = result["other"]
+    if other is not None:
+        typer.echo(
+            f"undecided: with {100 * other['share']:.0f} % it was {' '.join(other['camera'])}, which would "
+            f"change camber by {other['camber_difference_arcmin']:+.2f}′ and toe by "
+            f"{other['toe_difference_arcmin']:+.2f}′; the uncertainty below covers both, more shots tell more"
+        )
     if result["predicted_camber_u95_deg"] is not None:
         camber, toe = (60.0 * result[f"predicted_{name}_u95_deg"] for name in ("camber", "toe"))
         typer.echo(f"angles from now on: camber ±{camber:.2f}′, toe ±{toe:.2f}′ (95 %) from the calibration")

@@ -15,7 +15,7 @@ import pytest
 import station.calibration_refresh
 from alignment.calibration.cross_pairs import CrossPairs
 from alignment.calibration.prediction import NominalWheel, wheel_points
-from alignment.calibration.refresh import Movement, Refreshed, refresh_from_pairs
+from alignment.calibration.refresh import Movement, Refreshed, Sightings, refresh_from
 from alignment.geometry.cameras import PosedCamera
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
 from sensors.formats import read_calibration_file, write_calibration
@@ -63,7 +63,7 @@ def seen_by_the_true_rig(monkeypatch: pytest.MonkeyPatch) -> None:
         movement: Movement,
     ) -> Refreshed:
         assert len(shots) == 2
-        return refresh_from_pairs(pairs, calibration, movement)
+        return refresh_from(Sightings(tuple(pairs)), calibration, movement)
 
     monkeypatch.setattr(station.calibration_refresh, "refresh", refresh)
     monkeypatch.setattr(
@@ -87,6 +87,12 @@ def test_a_knocked_camera_gets_a_new_pose_and_the_file_a_new_identity(
     said = json.loads(capsys.readouterr().out)
     assert said["outcome"] == "refreshed"
     assert said["camera"][0] == "head_1"
+    # Rows alone do not tell left from right.
+    assert said["certain"] is False
+    assert said["other"]["camera"][0] == "head_1"
+    assert said["other"]["share"] + said["share"] == pytest.approx(1.0)
+    assert abs(said["other"]["toe_difference_arcmin"]) > 0.0
+    assert said["wheels"] == 0
     assert [head["changed"] for head in said["heads"]] == [True, False, False]
     assert said["heads"][0]["row_rms_px"] > 0.5
     assert said["row_rms_px"] < 0.05
@@ -122,4 +128,5 @@ def test_a_person_reads_what_changed_and_how_sure_it_is(
     assert "head_1: " in said
     assert "CHANGED" in said
     assert "95 %" in said
+    assert "undecided: with " in said
     assert f"wrote {new}" in said

@@ -7,15 +7,24 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.cross_pairs import CrossPairs, cross_pairs, joined
+from alignment.calibration.cross_pairs import CrossPairs, joined
+from alignment.calibration.gate import ARCMIN
 from alignment.calibration.observations import CameraKey
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty, wheel_points
-from alignment.calibration.refresh import Movement, estimate, refresh, refresh_from_pairs
+from alignment.calibration.refresh import (
+    Movement,
+    Refreshed,
+    Sightings,
+    estimate,
+    refresh,
+    refresh_from,
+)
 from alignment.geometry.cameras import PosedCamera
-from alignment.values import HeadCalibration, MeasureSettings, RigCalibration
+from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import draw_pose, draw_scene
+from station.studies.covariance import measured_angles
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
 
 KNOCK = np.array([1.2e-3, -0.3e-3, 0.8e-3])
@@ -49,7 +58,7 @@ def knocked(
     return replace(rig, heads=heads)
 
 
-def seen(rig: RigCalibration, shots: int = 12, noise: float = 0.05, wrong: float = 0.0) -> list[CrossPairs]:
+def seen(rig: RigCalibration, shots: int = 12, noise: float = 0.05, wrong: float = 0.0) -> Sightings:
     """Crosses on wheels of several depths and tilts, as each head's true cameras see them."""
     rng = np.random.default_rng(3)
     out = []
@@ -64,21 +73,21 @@ def seen(rig: RigCalibration, shots: int = 12, noise: float = 0.05, wrong: float
             right[spoilt] += rng.uniform(-20, 20, (int(spoilt.sum()), 2))
             parts.append(CrossPairs(left, right))
         out.append(joined(parts))
-    return out
+    return Sightings(tuple(out))
 
 
 def test_a_good_calibration_with_its_own_errors_is_not_called_changed() -> None:
-    found = refresh_from_pairs(seen(true_rig()), calibrated())
-    assert found.camera is None
+    found = refresh_from(seen(true_rig()), calibrated())
+    assert found.moved is None
     assert found.calibration is calibrated()
     assert not any(head.changed for head in found.heads)
 
 
 @pytest.mark.parametrize("camera", [("head_1", "left"), ("head_2", "right"), ("head_3", "left")])
 def test_the_knocked_head_is_found_among_wrong_pairs(camera: CameraKey) -> None:
-    found = refresh_from_pairs(seen(knocked(true_rig(), camera), wrong=0.03), calibrated())
-    assert found.camera is not None
-    assert found.camera[0] == camera[0]
+    found = refresh_from(seen(knocked(true_rig(), camera), wrong=0.03), calibrated())
+    assert found.moved is not None
+    assert found.moved.camera[0] == camera[0]
     assert [head.name for head in found.heads if head.changed] == [camera[0]]
     before = next(head.row_rms_px for head in found.heads if head.name == camera[0])
     assert before > 2.0
@@ -93,8 +102,8 @@ def test_only_the_pose_of_that_camera_changes() -> None:
         assert (after[key] is old) == (key != camera)
     np.testing.assert_array_equal(after[camera].model.parameters, before[camera].model.parameters)
     # Rows tell the turns about the optical axis and about the baseline well, that about the third axis less.
-    assert abs(found.moved[0] - KNOCK[0]) < 0.3e-3
-    assert abs(found.moved[2] - KNOCK[2]) < 0.1e-3
+    assert abs(found.step[0] - KNOCK[0]) < 0.3e-3
+    assert abs(found.step[2] - KNOCK[2]) < 0.1e-3
 
 
 def test_the_covariance_of_the_others_is_held_and_that_of_the_camera_grows() -> None:
@@ -133,23 +142,69 @@ def test_a_refocused_camera_gets_its_focal_length_when_asked() -> None:
     camera: CameraKey = ("head_3", "right")
     pairs = seen(knocked(true_rig(), camera, np.zeros(3), focal=1.002))
     found = estimate(pairs, calibrated(), camera, Movement(focal=3e-3))
-    assert abs(found.focal_change - 0.002) < 0.0008
+    assert abs(found.step[6] - 0.002) < 0.0008
     assert found.row_rms_px < 0.1
-    assert estimate(pairs, calibrated(), camera).focal_change == 0.0
+    assert len(estimate(pairs, calibrated(), camera).step) == 6
 
 
-def test_rendered_wheels_find_the_knocked_camera() -> None:
-    spec, settings = RIG_SPECS["standard"], MeasureSettings()
-    camera: CameraKey = ("head_2", "left")
-    now = knocked(true_rig(), camera)
+SHOTS = 3
+
+
+@cache
+def rendered() -> tuple[tuple[StereoImages, ...], ...]:
+    """Ordinary wheels as the true cameras see them."""
     rng = np.random.default_rng(4)
-    shots = [
-        simulate_shot(draw_scene(spec, "left", draw_pose(rng, camber, 0.01), rng, seed=7), now, rng).images
-        for camber in (-0.02, 0.02)
+    spec, shots = RIG_SPECS["standard"], []
+    for shape in ("touring", "sport", "van"):
+        camber, toe = rng.uniform(-0.03, 0.03, 2)
+        scene = draw_scene(spec, "left", draw_pose(rng, camber, toe), rng, shape, seed=7)
+        shots.append(simulate_shot(scene, true_rig(), rng).images)
+    return tuple(shots)
+
+
+def angle_errors(found: RigCalibration) -> np.ndarray:
+    """(2,) errors of camber and toe of a nominal wheel, radians."""
+    seen = [
+        (head.left.project(points), head.right.project(points))
+        for head, points in ((head, wheel_points(head, NominalWheel())) for head in true_rig().heads)
     ]
-    pairs = cross_pairs(shots[0], calibrated(), settings)
-    assert all(len(of_head.left) > 40 for of_head in pairs)
-    found = refresh(shots, calibrated(), settings)
-    assert found.camera is not None
-    assert found.camera[0] == "head_2"
+    return np.subtract(measured_angles(found, seen), measured_angles(true_rig(), seen))
+
+
+def check_angles(found: Refreshed, in_force: RigCalibration) -> None:
+    """Angles that were off by minutes come back to within what is predicted."""
+    assert np.abs(angle_errors(in_force)).max() > 3.0 * ARCMIN
+    predicted = np.array(predict_angle_uncertainty(found.calibration))
+    assert (predicted < 0.15 * ARCMIN).all(), predicted / ARCMIN
+    assert (np.abs(angle_errors(found.calibration)) < 3.0 * predicted).all()
+
+
+def test_rendered_wheels_bring_the_angles_back_after_a_knock() -> None:
+    camera: CameraKey = ("head_2", "left")
+    in_force = knocked(calibrated(), camera)
+    found = refresh(rendered(), in_force, MeasureSettings())
+    assert found.moved is not None
+    assert found.moved.camera == camera
+    assert found.certain
+    assert found.wheels == SHOTS
+    assert [head.name for head in found.heads if head.changed] == ["head_2"]
     assert found.row_rms_px < 0.15
+    np.testing.assert_allclose(found.moved.step[:3], -KNOCK, atol=2e-4)
+    check_angles(found, in_force)
+
+
+def test_a_turn_that_only_surfaces_show_is_found() -> None:
+    """About its vertical axis a camera shifts its image along the rows: no cross leaves its epipolar line."""
+    camera: CameraKey = ("head_3", "right")
+    in_force = knocked(calibrated(), camera, np.array([0.0, 3e-4, 0.0]))
+    found = refresh(rendered(), in_force, MeasureSettings())
+    assert not any(head.changed for head in found.heads)
+    assert found.moved is not None
+    assert found.moved.camera[0] == "head_3"
+    check_angles(found, in_force)
+
+
+def test_rendered_wheels_of_a_rig_as_calibrated_raise_no_alarm() -> None:
+    found = refresh(rendered(), calibrated(), MeasureSettings())
+    assert found.moved is None
+    assert found.calibration is calibrated()
