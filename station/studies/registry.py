@@ -21,6 +21,7 @@ STUDIES = {
     "marks": "station.studies.marks",
     "nonparallel-head": "station.studies.nonparallel_head",
     "parallel-head": "station.studies.parallel_head",
+    "refresh": "station.studies.refresh",
     "repeatability": "station.studies.repeatability",
     "wheel-grid": "station.studies.wheel_grid",
 }

@@ -1,0 +1,67 @@
+"""How the study of knocked cameras scores; the refresh itself is tested with rendered wheels elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from alignment.calibration.refresh import Moved, Refreshed
+from alignment.values import MeasureSettings, RigCalibration, StereoImages
+from station.studies import refresh as study
+
+
+def silent(done: float, doing: str) -> None:
+    assert 0.0 <= done <= 1.0
+    assert doing
+
+
+@pytest.fixture
+def without_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "draw_scene", lambda *scene: None)
+    monkeypatch.setattr(study, "simulate_shot", lambda *shot: SimpleNamespace(images=()))
+
+
+@pytest.mark.usefixtures("without_images")
+def test_a_refresh_that_finds_the_camera_and_its_pose_meets_the_goals(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn = []
+    real = study.knocked_rig
+
+    def knocked_rig(rng: np.random.Generator):  # type: ignore[no-untyped-def]
+        drawn.append(real(rng))
+        return drawn[-1]
+
+    def refresh(
+        shots: Sequence[Sequence[StereoImages]], known: RigCalibration, settings: MeasureSettings
+    ) -> Refreshed:
+        assert len(shots) == study.QUICK_SHOTS
+        before, now, camera = drawn[-1]
+        assert known is before
+        moved = Moved(camera, np.zeros(6), 0.0, 1.0)
+        return Refreshed((), moved, None, np.zeros(2), 0.0, 3, replace(now, covariance=known.covariance))
+
+    monkeypatch.setattr(study, "knocked_rig", knocked_rig)
+    monkeypatch.setattr(study, "refresh", refresh)
+    result = study.run(3, True, silent)
+    assert not result.missed
+    assert result.figures["cameras_found"] == 1.0
+    assert result.figures["before_rms_arcmin"] > 0.5
+    assert result.figures["along_rms_arcmin"] < 1e-9
+    assert {row["camera"] for row in result.rows} == {" ".join(camera) for _, _, camera in drawn}
+
+
+@pytest.mark.usefixtures("without_images")
+def test_a_refresh_that_finds_nothing_misses_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        study,
+        "refresh",
+        lambda shots, known, settings: Refreshed((), None, None, np.zeros(2), 0.0, 0, known),
+    )
+    result = study.run(3, True, silent)
+    assert {goal.figure for goal in result.missed} >= {"cameras_found", "along_over_predicted"}
+    assert result.figures["cameras_found"] == 0.0
