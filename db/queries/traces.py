@@ -58,7 +58,7 @@ from db.schema import (
 )
 from db.schema import events as event_rows
 
-# Events this long before a trigger and after a commit may explain a cycle.
+# Events this long before a trigger and after the last image may explain a cycle.
 _AROUND = timedelta(minutes=15)
 # A clock that was set back is looked through as far as this.
 _SET_BACK = timedelta(hours=2)
@@ -77,7 +77,7 @@ class VinHistory:
     stations
         The stations as configured when they measured, for each configuration hash.
     events
-        Of these stations, up to a quarter of an hour before a trigger and after the commit.
+        Of these stations, up to a quarter of an hour before a trigger and after the last image.
     shots
         Archived images, and whether they are still kept.
     """
@@ -312,11 +312,17 @@ def _events_around(connection: Connection, found: Sequence[StoredCycle]) -> tupl
     around = [
         (event_rows.c.station == stored.record.station)
         & (event_rows.c.utc >= stored.record.received_utc - _AROUND)
-        & (event_rows.c.utc <= stored.stored_utc + _AROUND)
+        & (event_rows.c.utc <= _end(stored) + _AROUND)
         for stored in found
     ]
     query = select(event_rows).where(or_(false(), *around)).order_by(event_rows.c.utc, event_rows.c.id)
     return tuple(record_of(EventRecord, row) for row in connection.execute(query).mappings())
+
+
+def _end(stored: StoredCycle) -> datetime:
+    # Not the time of storing: in the central database that is the time of arrival.
+    record = stored.record
+    return max(record.received_utc, record.measured_utc or record.received_utc)
 
 
 def _shots(connection: Connection, uuids: Sequence[UUID]) -> tuple[StoredShot, ...]:

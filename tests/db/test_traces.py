@@ -1,0 +1,221 @@
+"""One vehicle with everything that explains it, and the vehicles since the last good check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from typing import Any
+
+import pytest
+
+from db.engine import make_engine, parse_url
+from db.quality_records import ArchiveRemoval, StudyKind
+from db.queries import (
+    Filter,
+    ResultReader,
+    checks,
+    events,
+    gauge_studies,
+    gauge_study,
+    since_last_good_check,
+    vin_history,
+)
+from db.records import (
+    CalibrationRecord,
+    CheckKind,
+    CheckOutcome,
+    CycleRecord,
+    EventRecord,
+    Severity,
+    VehicleRecord,
+)
+from db.store import ResultStore
+from db.sums import bring_up_to_date
+from tests.db.example_records import (
+    CALIBRATION,
+    NOON,
+    WHEELS,
+    check,
+    cycle,
+    installation,
+    revocation,
+    shot,
+    station,
+    study,
+    study_value,
+    wheel,
+    zero,
+)
+
+HOUR = timedelta(hours=1)
+
+
+@pytest.fixture
+def reader(store: ResultStore, database_url: str) -> Iterator[ResultReader]:
+    with ResultReader(database_url) as opened:
+        yield opened
+
+
+def vehicle(number: int, received: datetime, **changes: Any) -> CycleRecord:
+    return cycle(
+        received_utc=received,
+        measured_utc=received,
+        vehicle=VehicleRecord(f"VIN{number:04d}", "compact"),
+        **changes,
+    )
+
+
+def master(utc: datetime, calibration_id: str = CALIBRATION.id, good: bool = True) -> Any:
+    return check(
+        calibration_id,
+        utc=utc,
+        kind=CheckKind.MASTER_WHEEL,
+        outcome=CheckOutcome.WITHIN if good else CheckOutcome.OUT,
+    )
+
+
+def since(reader: ResultReader, **filters: Any) -> dict[tuple[str, ...], list[str]]:
+    return {
+        (found.station, *found.wheels): [vehicle.vin for vehicle in found.vehicles]
+        for found in since_last_good_check(reader, Filter(**filters))
+    }
+
+
+def test_vehicles_since_the_last_good_check_of_each_wheel(store: ResultStore, reader: ResultReader) -> None:
+    other = CalibrationRecord("cal-right", "front_right", NOON, {})
+    store.record_calibration(other)
+    store.describe_station(
+        station(rigs=("front_left", "front_right")),
+        (),
+        (installation(), installation(rig="front_right", calibration_id=other.id)),
+    )
+    for number in range(6):
+        store.write_cycle(vehicle(number, NOON + number * HOUR))
+    for record in (
+        master(NOON + 1.5 * HOUR),
+        master(NOON + 3.5 * HOUR),
+        # Neither a bad check nor one with a plate clears the vehicles before it.
+        master(NOON + 4.5 * HOUR, good=False),
+        check(utc=NOON + 5.5 * HOUR),
+        master(NOON + 2.5 * HOUR, other.id),
+    ):
+        store.record_check(record)
+    assert since(reader) == {
+        ("EOL-1", "front_left"): ["VIN0004", "VIN0005"],
+        ("EOL-1", "front_right"): ["VIN0003", "VIN0004", "VIN0005"],
+    }
+    assert since(reader, wheels=("front_left",)) == {("EOL-1", "front_left"): ["VIN0004", "VIN0005"]}
+    assert since(reader, stations=("EOL-2",)) == {}
+    assert since(reader, plants=("Werk Süd",), until_utc=NOON + 4.5 * HOUR) == {
+        ("EOL-1", "front_left"): ["VIN0004"],
+        ("EOL-1", "front_right"): ["VIN0003", "VIN0004"],
+    }
+    found = checks(reader, Filter(from_utc=NOON + 4 * HOUR))
+    assert [(item.station, item.rig, item.check.outcome) for item in found] == [
+        ("EOL-1", "front_left", CheckOutcome.OUT),
+        ("EOL-1", "front_left", CheckOutcome.WITHIN),
+    ]
+
+
+def test_wheels_that_were_never_checked_are_named_with_all_their_vehicles(
+    store: ResultStore, reader: ResultReader, database_url: str
+) -> None:
+    for number in range(3):
+        store.write_cycle(vehicle(number, NOON + number * HOUR))
+    # Stored by a program that did not tell its rigs: the results do.
+    assert since(reader) == {("EOL-1", *WHEELS): ["VIN0000", "VIN0001", "VIN0002"]}
+    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    bring_up_to_date(engine)
+    engine.dispose()
+    store.record_check(master(NOON + 1.5 * HOUR))
+    assert since(reader) == {
+        ("EOL-1", "front_left"): ["VIN0002"],
+        ("EOL-1", "front_right", "rear_left", "rear_right"): ["VIN0000", "VIN0001", "VIN0002"],
+    }
+
+
+def test_a_clock_set_back_after_a_check_hides_no_vehicle(store: ResultStore, reader: ResultReader) -> None:
+    store.describe_station(station(rigs=("front_left",)), (), (installation(),))
+    store.write_cycle(vehicle(0, NOON))
+    store.record_check(master(NOON + 0.1 * HOUR))
+    store.write_cycle(vehicle(1, NOON + 0.2 * HOUR))
+    # An hour back: these seem to be older than the check.
+    store.write_cycle(vehicle(2, NOON - 0.7 * HOUR))
+    store.write_cycle(vehicle(3, NOON - 0.6 * HOUR))
+    assert since(reader) == {("EOL-1", "front_left"): ["VIN0001", "VIN0002", "VIN0003"]}
+
+
+def test_a_vehicle_comes_with_everything_that_explains_it(store: ResultStore, reader: ResultReader) -> None:
+    store.describe_station(station(), (), (installation(),))
+    store.record_check(check())
+    store.record_zero(zero())
+    wheels = (wheel("front_left", zero_measurement_id="zero-1"), *(wheel(name) for name in WHEELS[1:]))
+    record = vehicle(7, NOON, wheels=wheels)
+    store.write_cycle(record)
+    store.write_cycle(vehicle(8, NOON))
+    store.revoke_zero(revocation())
+    kept = shot(record.uuid)
+    store.record_shot(kept)
+    store.remove_shot(ArchiveRemoval(kept.uuid, NOON + HOUR, "the ring is full"))
+    near = EventRecord(NOON - 0.1 * HOUR, "EOL-1", Severity.WARNING, "cameras", "hot", "head 2 at 61 °C")
+    for event in (
+        near,
+        EventRecord(NOON - HOUR, "EOL-1", Severity.INFO, "station", "start", "started"),
+        EventRecord(NOON, "EOL-2", Severity.INFO, "station", "start", "started"),
+    ):
+        store.record_event(event)
+    found = vin_history(reader, "VIN0007")
+    assert [stored.record for stored in found.cycles] == [record]
+    assert found.calibrations == {CALIBRATION.id: CALIBRATION}
+    assert [item.reason for item in found.checks] == [check().reason]
+    assert found.zeros["zero-1"].revocation == revocation()
+    assert [item.plant for item in found.stations] == ["Werk Süd"]
+    assert near in found.events
+    assert {event.station for event in found.events} == {"EOL-1"}
+    assert [item.record for item in found.shots] == [kept]
+    assert found.shots[0].removal is not None
+    nothing = vin_history(reader, "VIN9999")
+    assert (nothing.cycles, nothing.events, nothing.shots) == ((), (), ())
+
+
+def test_events_are_found_by_time_station_code_and_text(store: ResultStore, reader: ResultReader) -> None:
+    for hour, name, code, text in (
+        (0, "EOL-1", "start", "Gestartet"),
+        (1, "EOL-1", "hot", "head 2 at 61 °C, 100% load"),
+        (2, "EOL-2", "hot", "head 1 at 62 °C"),
+    ):
+        store.record_event(EventRecord(NOON + hour * HOUR, name, Severity.INFO, "x", code, text))
+    assert [event.code for event in events(reader)] == ["start", "hot", "hot"]
+    assert [event.station for event in events(reader, codes=("hot",))] == ["EOL-1", "EOL-2"]
+    assert len(events(reader, Filter(stations=("EOL-2",)))) == 1
+    assert len(events(reader, Filter(from_utc=NOON + HOUR, until_utc=NOON + 2 * HOUR))) == 1
+    assert [event.text for event in events(reader, text="100%")] == ["head 2 at 61 °C, 100% load"]
+    assert [event.text for event in events(reader, text="gestartet")] == ["Gestartet"]
+
+
+def test_a_study_reads_back_with_every_raw_value_and_the_newest_counts(
+    store: ResultStore, reader: ResultReader
+) -> None:
+    planned = study()
+    store.plan_study(planned)
+    store.plan_study(study(kind=StudyKind.TYPE1, name="Typ 1", comment=""))
+    values = [study_value(planned.uuid, part=part, trial=k) for part in ("2", "1") for k in (1, 2)]
+    correction = study_value(planned.uuid, part="1", trial=2, value=9.0)
+    store.record_study_values(values)
+    store.record_study_values([correction])
+    found = gauge_study(reader, planned.uuid)
+    assert found is not None
+    assert found.record == planned
+    assert found.all_values == (*values, correction)
+    assert found.values == (values[2], correction, values[0], values[1])
+    assert [item.name for item in gauge_studies(reader, StudyKind.TYPE1)] == ["Typ 1"]
+    assert [item.name for item in gauge_studies(reader, text="umbau")] == ["Abnahme 2026"]
+    assert gauge_study(reader, values[0].uuid) is None
+
+
+def test_only_what_changed_is_recorded_of_a_station(store: ResultStore) -> None:
+    store.describe_station(station(), (), (installation(),))
+    store.describe_station(station(valid_from_utc=NOON + HOUR), (), (installation(from_utc=NOON + HOUR),))
+    assert store.counts()["station_versions"] == store.counts()["installations"] == 1
+    store.describe_station(station(config_hash="sha256:01"), (), ())
+    assert store.counts()["station_versions"] == 2
