@@ -1,9 +1,9 @@
 """The result database with millions of wheel results of 20 stations, on SQLite and PostgreSQL.
 
-Prints the sizes of the tables, the plans, the 95th percentile of each quality question (warm), and the rate of
-durable writing while such questions are asked. Goals: 100 ms on PostgreSQL and 150 ms on SQLite; 500 cycles/s
-from 20 writers and 50 cycles/s from one. PostgreSQL is a server of its own with fsync on. A writer commits every
-cycle alone, or the cycles of one second together as the shipping of a station does.
+Prints the sizes of the tables, the plans, the 95th percentile of each quality question (warm), and the rate
+of durable writing while such questions are asked. Goals: 100 ms on PostgreSQL and 150 ms on SQLite; 500
+cycles/s from 20 writers and 50 cycles/s from one. PostgreSQL is a server of its own with fsync on. A writer commits
+every cycle alone, or the cycles of one second together as the shipping of a station does.
 
     python -m benchmarks.database [--wheel-results N] [--seconds S] [--engine sqlite|postgresql] [--json]
 """
@@ -304,7 +304,7 @@ def new_cycle(station: str, number: int) -> CycleRecord:
 
 
 def write_for(url: str, station: str, rate: float, seconds: float, batch: int, ready: Any, out: Any) -> None:
-    """Write cycles at a rate, each transaction durable before the next; put how many, and how long each took."""
+    """Write cycles at a rate, each transaction durable before the next; put how many and how long it took."""
     engine = make_engine(parse_url(url), timeout_s=10.0)
     latencies: list[float] = []
     number = 0
@@ -443,7 +443,7 @@ def run(
     for batch in (1,) if kind == "sqlite" else (1, 25):
         found = write_while_asking(url, kind, seconds, batch, cycles)
         written.append(found)
-        say(f"  {found.writers} writers, {batch} per commit, while reporting: {found.cycles_per_s:.0f} cycles/s,"
+        say(f"  {found.writers} writers, {batch} per commit: {found.cycles_per_s:.0f} cycles/s,"
             f" commit p95 {found.commit_p95_ms:.0f} ms; meanwhile")  # fmt: skip
         for answer in found.asked:
             say(f"    {answer.name:43} p50 {answer.p50_ms:7.1f} ms  p95 {answer.p95_ms:7.1f} ms")

@@ -48,7 +48,8 @@ def received(minutes: NDArray[np.int64], last: int) -> NDArray[np.int64]:
     days, rest = np.divmod(back, MINUTES_A_DAY)
     # END is on a Friday: five days of work, two of rest.
     weeks, day = np.divmod(days, 5)
-    return int(END.timestamp()) - (weeks * 7 + day) * 86_400 - (rest + 1) * 60
+    seconds: NDArray[np.int64] = int(END.timestamp()) - (weeks * 7 + day) * 86_400 - (rest + 1) * 60
+    return seconds
 
 
 def chunks(wheel_results: int, seed: int = 1, cycles_each: int = 20_000) -> Iterator[Chunk]:
