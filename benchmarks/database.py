@@ -2,8 +2,8 @@
 
 Prints the sizes of the tables, the plans, the 95th percentile of each quality question (warm), and the rate
 of durable writing while such questions are asked. Goals: 100 ms on PostgreSQL and 150 ms on SQLite; 500
-cycles/s from 20 writers and 50 cycles/s from one. PostgreSQL is a server of its own with fsync on. A writer commits
-every cycle alone, or the cycles of one second together as the shipping of a station does.
+cycles/s from 20 writers and 50 cycles/s from one. PostgreSQL is a server of its own with fsync on. A writer
+commits every cycle alone, or the cycles of one second together as the shipping of a station does.
 
     python -m benchmarks.database [--wheel-results N] [--seconds S] [--engine sqlite|postgresql] [--json]
 """
