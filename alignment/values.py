@@ -214,7 +214,8 @@ class WheelMeasurement:
         Radians, signs as the conventions say.
     camber_u, toe_u
         Standard uncertainties, radians. They cover image noise and model misfit, and the calibration where
-        its covariance is known; not the run-out of the wheel, nor the pose of the rig in the vehicle.
+        its covariance is known, with it the pose of the rig in the vehicle where a gauge measured that; not
+        the run-out of the wheel, nor a nominal pose of the rig.
     angle_covariance
         (2, 2) covariance of (camber, toe), radians².
     normal

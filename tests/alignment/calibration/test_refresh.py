@@ -112,6 +112,21 @@ def test_the_pose_of_a_named_camera_comes_back() -> None:
     assert sigma["head_2.left.rx"] < 1e-4 < sigma["head_2.left.ry"]
 
 
+def test_a_rig_that_was_placed_in_the_vehicle_keeps_its_place_and_the_place_s_uncertainty() -> None:
+    bare = replace(rig(), covariance=None)
+    size = len(bare.parameter_names)
+    covariance = np.diag([1e-14] * size + [4e-10] * 3 + [4e-4] * 3)
+    in_force = knocked(replace(bare, vehicle_from_rig_measured=True, covariance=covariance), 1, CHANGE)
+    found = refresh_from(crosses(bare), in_force)
+    assert found.moved is not None
+    assert found.moved.camera[0] == "head_2"
+    after = found.calibration
+    assert after.vehicle_from_rig_measured
+    assert after.vehicle_from_rig is in_force.vehicle_from_rig
+    assert after.covariance is not None
+    np.testing.assert_allclose(after.covariance[size:, size:], covariance[size:, size:], rtol=1e-6)
+
+
 def test_two_changed_heads_need_a_plate() -> None:
     true = rig()
     with pytest.raises(DegenerateInputError, match=r"head_1, head_3.*plate"):
