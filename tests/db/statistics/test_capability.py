@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from alignment.errors import DegenerateInputError
 from db.statistics.capability import (
@@ -71,6 +74,10 @@ def test_drifting_mean_shows_in_performance_and_not_in_capability() -> None:
     short = moving_range_sigma(groups.ravel())
     assert short is not None
     assert short[0] == pytest.approx(1.0, rel=0.1)
+    # 249 differences, of which two thirds count.
+    assert short[1] == 166
+    assert moving_range_sigma([1.0, 3.0]) == (pytest.approx(math.sqrt(2.0)), 1)
+    assert moving_range_sigma([1.0]) is None
 
 
 def test_one_limit_gives_cpk_without_cp() -> None:
@@ -112,6 +119,24 @@ def test_quantiles_serve_where_values_are_not_normal() -> None:
     assert ppk.value > 1.3
     assert quantile_performance(normal[:999], -4.0, 4.0) is None
     assert quantile_performance(np.ones(2000), 0.0, 2.0) is None
+
+
+def test_normality_has_the_published_critical_value() -> None:
+    """Stephens 1986, table 4.7, case 3: A² (1 + 0.75/n + 2.25/n²) above 0.752 in 5 % of the cases."""
+    rng = np.random.default_rng(12)
+    seen = set()
+    for _ in range(3000):
+        z = np.sort(rng.normal(size=10))
+        u = stats.norm.cdf((z - z.mean()) / z.std(ddof=1))
+        i = np.arange(1, 11)
+        a = -10 - np.mean((2 * i - 1) * (np.log(u) + np.log(1 - u[::-1])))
+        a *= 1 + 0.75 / 10 + 2.25 / 100
+        p = normality_p(z)
+        assert p is not None
+        if abs(a - 0.752) > 0.002:
+            assert (p < 0.05) == (a > 0.752)
+            seen.add(p < 0.05)
+    assert seen == {True, False}
 
 
 def test_normality_is_doubted_where_it_should_be_and_only_there() -> None:

@@ -50,6 +50,8 @@ def test_bias_gives_the_printed_figures() -> None:
     assert found.t is not None
     assert (round(found.mean, 4), round(found.deviation, 4), round(found.t, 4)) == (6.0067, 0.2120, 0.1218)
     assert (round(found.low, 4), round(found.high, 4)) == (-0.1107, 0.1241)
+    assert found.p is not None
+    assert round(found.p, 3) == 0.905
     assert not found.significant
 
 
@@ -61,6 +63,7 @@ def test_linear_gauge_is_accepted() -> None:
     assert good.acceptable
     assert not bad.acceptable
     assert bad.percent_linearity() == pytest.approx(2.0, abs=0.5)
+    assert bad.percent_linearity() == pytest.approx(100 * abs(bad.slope), rel=1e-12)
 
 
 def test_one_master_is_no_line() -> None:
@@ -134,6 +137,8 @@ def test_budget_by_hand() -> None:
     assert budget([line.component for line in found.lines], found.least_tolerance_ms).q_ms == pytest.approx(
         15.0
     )
+    again = budget([line.component for line in found.lines], found.least_tolerance_mp)
+    assert again.q_mp == pytest.approx(30.0)
 
 
 def test_coarse_resolution_stands_for_the_spread() -> None:
