@@ -87,6 +87,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         assert bus is not None
         whole = tuple(position for position in positions if position is not None)
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
+        images = settings.cycle.image_folder
         cycle = MeasuringCycle(
             Identity(settings.station.id, version("truewheel"), configuration.hash),
             whole,
@@ -102,6 +103,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
             ),
             settings.measure.coverage_factor,
             _archiving(configuration, store, whole, observer or Observer(), stack),
+            image_folder=None if images is None else configuration.path(images),
         )
         stack.callback(cycle.close)
         cycle.start()
@@ -138,7 +140,7 @@ def line_options(configuration: Configuration) -> LineOptions:
     return LineOptions(
         communication_timeout_s=settings.line.communication_timeout_s,
         live_age_s=settings.cycle.live_max_age_s,
-        modes=frozenset(Mode) - {Mode.CALIBRATE},
+        modes=frozenset(Mode) - ({Mode.CALIBRATE} if settings.cycle.image_folder is None else set()),
         software=(major, minor, patch),
     )
 

@@ -111,6 +111,10 @@ class CycleSettings(StrictModel):
     measure_timeout_s: Seconds = Field(
         default=30.0, description="Longest time from the first exposure to the last angle, seconds"
     )
+    image_folder: FilePath | None = Field(
+        default=None,
+        description="Folder for the images of the line's mode calibrate; without it that mode is refused",
+    )
     adjust_timeout_s: float = Field(
         default=600.0,
         gt=0,

@@ -12,16 +12,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import ParamSpec, TypeVar
-from uuid import UUID
+from pathlib import Path
 
 from alignment.errors import (
     InputError,
     LineError,
     StoreError,
-    StoreUnavailableError,
     TruewheelError,
 )
 from db.records import (
@@ -32,9 +29,10 @@ from db.records import (
     ZeroRecord,
 )
 from station.adjusting import Adjusting
+from station.calibration_images import CalibrationImages
 from station.cycle_record import cycle_record
 from station.evaluation import Evaluation, axle_of, evaluate
-from station.held import Closing, closing_text, unacknowledged
+from station.held import Closing, Held, closing_text, unacknowledged
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -53,22 +51,20 @@ from station.master_check import master_checks
 from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.records import Standing, answers_of
 from station.states import StateMachine
+from station.store_thread import StoreThread
 from station.vehicle_types import VehicleType
-from station.wheels import ABORTED, WheelPosition, WheelResult, connect_all, fault, utc_now
+from station.wheels import (
+    ABORTED,
+    WheelPosition,
+    WheelResult,
+    connect_all,
+    fault,
+    result_of,
+    utc_now,
+)
 
 POLL_S = 0.02
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
 _LOG = logging.getLogger("truewheel.station")
-
-
-@dataclass(frozen=True)
-class _Held:
-    """Results that wait for their acknowledgement: of which start and cycle, and the state after it."""
-
-    sequence: int
-    cycle: UUID | None
-    after: StationState
 
 
 class MeasuringCycle:
@@ -92,6 +88,8 @@ class MeasuringCycle:
         Watches.
     clock, now
         Monotonic seconds, the same clock as the line's; and aware UTC time.
+    image_folder
+        Where the mode calibrate records images; without it that mode is refused.
     """
 
     def __init__(
@@ -106,6 +104,7 @@ class MeasuringCycle:
         observer: Observer | None = None,
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], datetime] = utc_now,
+        image_folder: Path | None = None,
     ) -> None:
         self._identity = identity
         self._positions = {position.name: position for position in positions}
@@ -120,13 +119,16 @@ class MeasuringCycle:
         self._machine = StateMachine(self._entered)
         self._error = LineErrorCode.NONE
         self._fault_wheel: str | None = None
-        self._held: _Held | None = None
+        self._held: Held | None = None
         self._interruption: Command | None = None
         self._running: set[Future[WheelResult]] = set()
         self._measured_s = 0.0
         # Cameras mostly wait, so each rig has a thread; the mathematics releases the interpreter.
         self._wheel_threads = ThreadPoolExecutor(max(1, len(positions)), "wheel")
-        self._store_thread = ThreadPoolExecutor(1, "store")
+        self._images = (
+            None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
+        )
+        self._store_thread = StoreThread(bounds.store_s)
 
     @property
     def state(self) -> StationState:
@@ -144,9 +146,9 @@ class MeasuringCycle:
             When they cannot be recorded.
         """
         for position in self._positions.values():
-            self._in_store(self._store.record_calibration, position.in_force.record())
+            self._store_thread.call(self._store.record_calibration, position.in_force.record())
         version = self._identity.software_version
-        self._in_store(
+        self._store_thread.call(
             self._store.record_event, self._event(Severity.INFO, "started", f"version {version} started")
         )
         self._offer_again()
@@ -155,7 +157,7 @@ class MeasuringCycle:
     def close(self) -> None:
         """End the threads; a wheel or a commit that is under way is waited for."""
         self._wheel_threads.shutdown(cancel_futures=True)
-        self._store_thread.shutdown()
+        self._store_thread.close()
 
     def serve(self, stopping: threading.Event) -> None:
         """Serve commands until told to stop; a cycle that has begun is finished.
@@ -196,9 +198,12 @@ class MeasuringCycle:
             return None
         self._interruption = None
         self._error, self._fault_wheel = LineErrorCode.NONE, None
-        kind = self._vehicle_types[trigger.vehicle_type]
         received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
         self._machine.enter(StationState.ARMED)
+        if trigger.mode is Mode.CALIBRATE:
+            self._record_images(trigger)
+            return None
+        kind = self._vehicle_types[trigger.vehicle_type]
         results = self._measured([self._positions[wheel] for wheel in trigger.wheels], trigger)
         self._measured_s = self._clock()
         self._machine.enter(StationState.EVALUATING)
@@ -215,7 +220,7 @@ class MeasuringCycle:
         after = StationState.FAULT if self._needs_reset(report) else StationState.IDLE
         cycle = record.uuid if committed_s is not None else None
         if report.told is not None:
-            self._held = _Held(trigger.sequence, cycle, after)
+            self._held = Held(trigger.sequence, cycle, after)
             self._await_acknowledgement()
         elif isinstance(self._interruption, Reset):
             if cycle is not None:
@@ -225,6 +230,25 @@ class MeasuringCycle:
         else:
             self._machine.enter(after)
         return report
+
+    def _record_images(self, trigger: Trigger) -> None:
+        """Record images of the calibration plate; nothing is judged, so there is no record of a cycle."""
+        assert self._images is not None
+        self._machine.enter(StationState.MEASURING)
+        positions = [self._positions[wheel] for wheel in trigger.wheels]
+        answers, self._error, text = self._images.record(positions, trigger.sequence, self._now())
+        self._machine.enter(StationState.EVALUATING)
+        self._machine.enter(StationState.STORING)
+        self._note(Severity.INFO if self._error is LineErrorCode.NONE else Severity.ERROR, "images", text)
+        self._machine.enter(StationState.REPORTING)
+        after = StationState.IDLE if self._error is LineErrorCode.NONE else StationState.FAULT
+        if self._poll(trigger) and isinstance(self._interruption, Reset):
+            self._machine.enter(after)
+            self._recover()
+            return
+        self._line.send_results(trigger.sequence, answers)
+        self._held = Held(trigger.sequence, None, after)
+        self._await_acknowledgement()
 
     def _prepare(self, prepare: Prepare) -> None:
         """Arm the cameras for the next vehicle; a camera that fails is found by its start."""
@@ -242,6 +266,9 @@ class MeasuringCycle:
         """Why this trigger cannot be served, if it cannot."""
         if self.state is not StationState.IDLE:
             return LineErrorCode.RESET_REQUIRED
+        if trigger.mode is Mode.CALIBRATE:
+            known = self._images is not None and set(trigger.wheels) <= set(self._positions)
+            return None if known else LineErrorCode.MODE_NOT_AVAILABLE
         kind = self._vehicle_types.get(trigger.vehicle_type)
         if kind is None:
             return LineErrorCode.UNKNOWN_VEHICLE_TYPE
@@ -255,7 +282,7 @@ class MeasuringCycle:
         armed = []
         try:
             # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
-            zeros = self._in_store(self._store.zeros_in_force)
+            zeros = self._store_thread.call(self._store.zeros_in_force)
         except StoreError as error:
             return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
         for position in positions:
@@ -303,7 +330,7 @@ class MeasuringCycle:
         while self._running and not self._poll(trigger) and self._clock() < deadline:
             done, self._running = wait(self._running, POLL_S, FIRST_COMPLETED)
             for future in done:
-                result = _result_of(future, by_future[future])
+                result = result_of(future, by_future[future])
                 results[result.wheel] = result
                 self._observer.wheel_done(result)
         if self._interruption is None:
@@ -331,8 +358,8 @@ class MeasuringCycle:
         try:
             if trigger.mode is Mode.MASTER_CHECK:
                 for check in master_checks(record):
-                    self._in_store(self._store.record_check, check)
-            self._in_store(self._store.write_cycle, record)
+                    self._store_thread.call(self._store.record_check, check)
+            self._store_thread.call(self._store.write_cycle, record)
         except (StoreError, InputError) as error:
             _LOG.error("cycle %s was not stored: %s", record.uuid, error)
             self._error = LineErrorCode.STORE_FAULT
@@ -361,13 +388,13 @@ class MeasuringCycle:
 
     def _offer_again(self) -> None:
         """Hold the last cycle's results when the program ended before the line acknowledged them."""
-        found = self._in_store(unacknowledged, self._store, self._identity.station)
+        found = self._store_thread.call(unacknowledged, self._store, self._identity.station)
         if found is None:
             return
         record, standing = found
         answers = answers_of(record, standing)
         self._line.restore_results(record.trigger_sequence, answers.wheels, answers.axles, answers.vehicle)
-        self._held = _Held(record.trigger_sequence, record.uuid, StationState.IDLE)
+        self._held = Held(record.trigger_sequence, record.uuid, StationState.IDLE)
         self._machine = StateMachine(self._entered, StationState.REPORTING)
         _LOG.warning("results of cycle %s were not acknowledged and are offered again", record.uuid)
 
@@ -455,21 +482,10 @@ class MeasuringCycle:
         self._line.publish(StationStatus(state, self._error, self._fault_wheel))
         self._observer.entered(state)
 
-    def _in_store(self, call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        """Call the store in its own thread, so that a database that hangs does not hang the station."""
-        future = self._store_thread.submit(call, *args, **kwargs)
-        try:
-            return future.result(self._bounds.store_s)
-        except TimeoutError as error:
-            future.cancel()
-            raise StoreUnavailableError(
-                f"the database did not answer within {self._bounds.store_s:g} s. Check its load and its disk"
-            ) from error
-
     def _note(self, severity: Severity, code: str, text: str) -> bool:
         """Record an event; false when the database did not take it, which the next commit will meet too."""
         try:
-            self._in_store(self._store.record_event, self._event(severity, code, text))
+            self._store_thread.call(self._store.record_event, self._event(severity, code, text))
         except StoreError as error:
             _LOG.error("event %s was not stored: %s (%s)", code, text, error)
             return False
@@ -478,15 +494,4 @@ class MeasuringCycle:
     def _event(self, severity: Severity, code: str, text: str) -> EventRecord:
         return EventRecord(
             self._now(), self._identity.station, severity, "station.cycle", code, text, self._clock()
-        )
-
-
-def _result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:
-    try:
-        return future.result()
-    except Exception as error:  # noqa: BLE001
-        # A mistake in the program must become a fault that the line is told of, not a silent line.
-        _LOG.exception("%s failed", position.name)
-        return position.failed(
-            fault(LineErrorCode.INTERNAL_FAULT, f"{position.name}: {type(error).__name__}: {error}")
         )

@@ -6,10 +6,12 @@ What became of a cycle's results is an event of the database: it is only ever ad
 from __future__ import annotations
 
 import enum
+from dataclasses import dataclass
 from typing import Protocol
 from uuid import UUID
 
 from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
+from station.line.messages import StationState
 from station.records import Standing
 
 _FIRST_LOOK = 100
@@ -25,6 +27,18 @@ class Closing(enum.StrEnum):
     ACKNOWLEDGED = "acknowledged"
     DISCARDED = "discarded"
     ABORTED_LATE = "aborted_late"
+
+
+@dataclass(frozen=True)
+class Held:
+    """Results that wait for their acknowledgement: of which start and cycle, and the state after it.
+
+    `cycle` is None when no record of one is in the database.
+    """
+
+    sequence: int
+    cycle: UUID | None
+    after: StationState
 
 
 class History(Protocol):

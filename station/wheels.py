@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
@@ -28,6 +30,7 @@ MeasureFunction = Callable[
 ]
 
 
+_LOG = logging.getLogger("truewheel.station")
 LARGEST_UNCERTAINTY = math.radians(1.0)
 """Expanded; beyond it a value says nothing about a vehicle, and the line cannot carry it."""
 
@@ -284,3 +287,15 @@ def connect_all(rigs: Sequence[ShootingRig]) -> list[TruewheelError]:
         except TruewheelError as error:
             failures.append(error)
     return failures
+
+
+def result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:
+    """Return the result of a position that ran in a thread; a defect of the program becomes a fault."""
+    try:
+        return future.result()
+    except Exception as error:  # noqa: BLE001
+        # A mistake in the program must become a fault that the line is told of, not a silent line.
+        _LOG.exception("%s failed", position.name)
+        return position.failed(
+            fault(LineErrorCode.INTERNAL_FAULT, f"{position.name}: {type(error).__name__}: {error}")
+        )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -216,7 +217,13 @@ def measurement(camber: float = 0.001, toe: float = 0.001, u: float = 1e-5) -> W
 class Bench:
     """A cycle in state IDLE with four rigs, and all its parts at hand."""
 
-    def __init__(self, measure_s: float = 60.0, store_s: float = 5.0, adjust_s: float = 600.0) -> None:
+    def __init__(
+        self,
+        measure_s: float = 60.0,
+        store_s: float = 5.0,
+        adjust_s: float = 600.0,
+        image_folder: Path | None = None,
+    ) -> None:
         self.log: list[str] = []
         self.clock = Clock()
         self.today = TODAY
@@ -235,6 +242,7 @@ class Bench:
             Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),
             clock=self.clock,
             now=lambda: self.today,
+            image_folder=image_folder,
         )
 
     def _position(self, rig: FakeRig) -> WheelPosition:
@@ -264,7 +272,7 @@ class Bench:
 
 
 @contextmanager
-def open_bench(**bounds: float) -> Iterator[Bench]:
+def open_bench(**bounds: Any) -> Iterator[Bench]:
     bench = Bench(**bounds)
     bench.cycle.start()
     try:

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import timedelta
+from pathlib import Path
 from uuid import uuid4
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from alignment.errors import CameraError, LineConnectionError, StoreUnavailableError
 from alignment.values import Refusal, RefusalCode
 from db.records import CheckOutcome, CycleOutcome, Verdict, WheelOutcome
+from sensors.formats import read_shot
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -649,3 +651,31 @@ def test_times_of_a_cycle_run_on_the_monotonic_clock(bench: Bench) -> None:
     assert record.measured_monotonic_s is not None
     assert record.received_monotonic_s <= record.measured_monotonic_s
     assert np.isfinite(record.received_monotonic_s)
+
+
+def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Path) -> None:
+    assert bench.trigger(mode=Mode.CALIBRATE) is None
+    assert bench.line.refused == [(1, LineErrorCode.MODE_NOT_AVAILABLE)]
+    with open_bench(image_folder=tmp_path / "images") as able:
+        able.rigs["rear_right"].shoot_error = camera_error()
+        able.trigger(2, wheels=WHEELS[:3], mode=Mode.CALIBRATE)
+        assert set(able.line.outcomes.values()) == {Outcome.RECORDED}
+        assert able.store.cycles == []
+        assert "images" in able.store.event_codes
+        assert able.cycle.state is StationState.IDLE
+        (folder,) = (tmp_path / "images").iterdir()
+        assert sorted(path.name for path in folder.iterdir()) == sorted(WHEELS[:3])
+        assert read_shot(folder / "front_left").rig == "front_left"
+        able.trigger(3, mode=Mode.CALIBRATE)
+        assert able.line.outcomes["rear_right"] is Outcome.FAULT
+        assert able.line.outcomes["front_left"] is Outcome.RECORDED
+        assert able.cycle.state is StationState.FAULT
+        assert able.line.status.error_code is LineErrorCode.CAMERA_FAULT
+
+
+def test_calibrate_ends_when_a_reset_comes(tmp_path: Path) -> None:
+    with open_bench(image_folder=tmp_path) as bench:
+        bench.line.at[StationState.REPORTING] = Reset(9)
+        bench.trigger(mode=Mode.CALIBRATE)
+        assert bench.line.sent == []
+        assert bench.cycle.state is StationState.IDLE

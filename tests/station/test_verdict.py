@@ -1,4 +1,5 @@
 import math
+from dataclasses import FrozenInstanceError
 
 import pytest
 from hypothesis import given
@@ -163,3 +164,31 @@ def test_cycle_is_ok_only_when_every_angle_has_its_value(
     if outcome is CycleOutcome.NOK:
         assert any(angle.status is Status.NOK for angle in declared)
         assert all(angle.value is not None for angle in declared)
+
+
+@pytest.mark.parametrize(
+    ("angle", "verdict"),
+    [
+        (OK, Verdict.OK),
+        (NOK, Verdict.NOK),
+        (UNSET, Verdict.NONE),
+        (INVALID, Verdict.NONE),
+        (UNJUDGED, Verdict.NONE),
+    ],
+)
+def test_only_ok_and_nok_are_stored_as_verdicts(angle: Angle, verdict: Verdict) -> None:
+    assert angle.status.verdict is verdict
+
+
+def test_calibration_is_not_valid_unless_somebody_says_so() -> None:
+    assert Angle("toe", LIMITS, value=0.0, expanded_uncertainty=NARROW).status is Status.INVALID
+
+
+def test_guard_band_is_applied_unless_somebody_says_otherwise() -> None:
+    assert Angle("toe", LIMITS).guard_band
+
+
+@pytest.mark.parametrize("value", [OK, LIMITS])
+def test_what_was_judged_cannot_be_changed_afterwards(value: object) -> None:
+    with pytest.raises(FrozenInstanceError):
+        value.low = value.value = 0.0  # type: ignore[attr-defined]

@@ -135,6 +135,56 @@ def test_every_event_in_every_state(state: State, event: Event) -> None:
     assert told == (Abort(OWN, LineErrorCode.COMMUNICATION_LOST) if lost else None)
 
 
+# The table once more, by hand: what the program's own table must say. A word with ">" leads to a state and is
+# told to the cycle, "-" is harmless, anything else is the error code; columns are in the order of `Request`.
+EXPECTED = {
+    State.STARTING: " ".join(["starting"] * 10),
+    State.READY: ">prepared >busy sequence_used nothing_to_stop nothing_to_stop"
+    " - wrong_sequence - wrong_sequence >resetting",
+    State.PREPARED: ">prepared >busy sequence_used >ready >ready >ready >ready - wrong_sequence >resetting",
+    State.BUSY: "busy busy - nothing_to_stop wrong_sequence >ending wrong_sequence"
+    " nothing_to_acknowledge wrong_sequence >resetting",
+    State.ADJUSTING: "busy busy - >busy wrong_sequence >ending wrong_sequence"
+    " nothing_to_acknowledge wrong_sequence >resetting",
+    State.ENDING: "busy busy - nothing_to_stop wrong_sequence - wrong_sequence"
+    " nothing_to_acknowledge wrong_sequence >resetting",
+    State.HELD: "not_acknowledged not_acknowledged - nothing_to_stop wrong_sequence"
+    " - wrong_sequence >closing wrong_sequence >resetting",
+    State.CLOSING: "busy busy sequence_used nothing_to_stop wrong_sequence"
+    " - wrong_sequence - wrong_sequence >resetting",
+    State.RESETTING: " ".join(["resetting"] * 9) + " >resetting",
+    State.FAULT: "reset_required reset_required reset_required nothing_to_stop wrong_sequence"
+    " - wrong_sequence - wrong_sequence >resetting",
+}
+
+
+@pytest.mark.parametrize("state", State)
+def test_table_is_what_was_decided(state: State) -> None:
+    for word, (request, rule) in zip(EXPECTED[state].split(), COMMANDS[state].items(), strict=True):
+        leads = State(word[1:]) if word.startswith(">") else None
+        assert rule.target is leads, request
+        assert rule.deliver is (leads is not None), request
+        refused = word if leads is None and word != "-" else "none"
+        assert rule.refusal == refused, request
+        assert rule.again is (state is State.STARTING and request is Request.RESET), request
+
+
+def test_events_lead_where_it_was_decided() -> None:
+    ready = {State.STARTING, State.CLOSING, State.RESETTING, State.FAULT}
+    assert {
+        Event.CYCLE_READY: dict.fromkeys(ready, State.READY),
+        Event.CYCLE_FAULT: dict.fromkeys(State, State.FAULT),
+        Event.RESULTS_SENT: dict.fromkeys((State.BUSY, State.ADJUSTING, State.ENDING), State.HELD),
+        Event.START_REFUSED: dict.fromkeys(
+            (State.PREPARED, State.BUSY, State.ADJUSTING, State.ENDING), State.READY
+        ),
+        Event.RESULTS_RESTORED: {State.STARTING: State.HELD},
+        Event.PREPARE_EXPIRED: {State.PREPARED: State.READY},
+        Event.LINK_LOST: {State.PREPARED: State.READY, State.ADJUSTING: State.ENDING},
+    } == EVENTS
+    assert {State.BUSY, State.ADJUSTING, State.ENDING} == OPEN
+
+
 def test_refused_commands_and_repetitions_change_nothing() -> None:
     for state, rules in COMMANDS.items():
         for request, rule in rules.items():

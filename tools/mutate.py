@@ -1,0 +1,220 @@
+"""Mutation testing of the two modules that decide: `python tools/mutate.py` (all) or `... station.verdict`.
+
+Each mutant changes one thing in a module's code (a comparison, a constant, a branch, an enumeration's
+member, a statement) and runs the module's own tests on it in a process of its own. A mutant that no test
+notices survives and is shown. Survivors that cannot be told from the original by any caller are listed in
+EQUIVALENT, with the reason.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import copy
+import importlib
+import importlib.util
+import io
+import os
+import sys
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TESTS = {
+    "station.verdict": ("tests/station/test_verdict.py",),
+    "station.line.handshake": ("tests/station/line/test_handshake.py",),
+}
+PRELOADED = ("numpy", "hypothesis", "pytest", "alignment.errors", "db.records", "station.line.messages")
+TIMEOUT_S = 120
+# By module and mutant: why no caller can tell it from the original.
+EQUIVALENT: dict[tuple[str, str], str] = {}
+_SWAPS: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+}
+Change = Callable[[ast.AST], ast.AST | None]
+
+
+def changes_of(node: ast.AST, enumerations: dict[str, type]) -> Iterator[tuple[str, Change]]:
+    """Yield all that is changed of one node: what it says, and a function that returns the new node."""
+    if isinstance(node, ast.Compare):
+        for index, operator in enumerate(node.ops):
+            swap = _SWAPS.get(type(operator))
+            if swap is not None:
+                yield f"{type(operator).__name__} -> {swap.__name__}", _with(f"ops.{index}", swap())
+    elif isinstance(node, ast.BoolOp | ast.BinOp):
+        swap = _SWAPS.get(type(node.op))
+        if swap is not None:
+            yield f"{type(node.op).__name__} -> {swap.__name__}", _with("op", swap())
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        yield "not dropped", lambda found: found.operand  # type: ignore[attr-defined]
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield f"{node.value} -> {not node.value}", _with("value", not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        yield f"{node.value} -> {node.value + 1}", _with("value", node.value + 1)
+    elif isinstance(node, ast.IfExp):
+        yield "branches swapped", _swapped
+    elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        members = [m.name for m in enumerations.get(node.value.id, ())]  # type: ignore[attr-defined]
+        if node.attr in members:
+            other = members[(members.index(node.attr) + 1) % len(members)]
+            yield f"{node.attr} -> {other}", _with("attr", other)
+    elif isinstance(node, ast.Return) and node.value is not None:
+        if not (isinstance(node.value, ast.Constant) and node.value.value is None):
+            yield "returns None", _with("value", ast.Constant(None))
+    elif isinstance(node, ast.Assign) and any(isinstance(t, ast.Attribute) for t in node.targets):
+        yield "assignment dropped", lambda found: ast.Pass()
+    elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        yield "call dropped", lambda found: ast.Pass()
+    elif isinstance(node, ast.If):
+        yield "condition True", _with("test", ast.Constant(True))
+        yield "condition False", _with("test", ast.Constant(False))
+    elif isinstance(node, ast.Raise):
+        yield "raise dropped", lambda found: ast.Pass()
+
+
+def _with(field: str, value: object) -> Change:
+    def change(node: ast.AST) -> ast.AST:
+        name, _, index = field.partition(".")
+        if index:
+            getattr(node, name)[int(index)] = value
+        else:
+            setattr(node, name, value)
+        return node
+
+    return change
+
+
+def _swapped(node: ast.AST) -> ast.AST:
+    assert isinstance(node, ast.IfExp)
+    node.body, node.orelse = node.orelse, node.body
+    return node
+
+
+def mutants(source: str, enumerations: dict[str, type]) -> Iterator[tuple[str, ast.Module]]:
+    """Yield every mutant of a module: its name, which holds the line, and its tree."""
+    tree = ast.parse(source)
+    skipped = set(_annotations(tree))
+    for number, node in enumerate(ast.walk(tree)):
+        if node in skipped:
+            continue
+        for what, change in changes_of(node, enumerations):
+            mutant = copy.deepcopy(tree)
+            target = next(n for k, n in enumerate(ast.walk(mutant)) if k == number)
+            new = change(target)
+            if new is not target:
+                mutant = _replaced(mutant, target, new)
+            line = source.splitlines()[node.lineno - 1].strip()  # type: ignore[attr-defined]
+            yield f"line {node.lineno}: {what}: {line}", ast.fix_missing_locations(mutant)  # type: ignore[attr-defined]
+
+
+def _annotations(tree: ast.AST) -> Iterator[ast.AST]:
+    for node in ast.walk(tree):
+        for name in ("annotation", "returns"):
+            found = getattr(node, name, None)
+            if found is not None:
+                yield from ast.walk(found)
+
+
+def _replaced(tree: ast.Module, target: ast.AST, new: ast.AST | None) -> ast.Module:
+    class Replace(ast.NodeTransformer):
+        def visit(self, node: ast.AST) -> ast.AST | None:
+            if node is target:
+                return ast.copy_location(new, node) if new is not None else None
+            return self.generic_visit(node)
+
+    found = Replace().visit(tree)
+    assert isinstance(found, ast.Module)
+    return found
+
+
+def survives(module: str, tree: ast.Module, file: Path, tests: tuple[str, ...]) -> bool:
+    """Run the tests on a mutant in a child process; true when all of them pass."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        with contextlib.suppress(BaseException):
+            code = _run(module, tree, file, tests)
+        os._exit(code)
+    _, status = os.waitpid(child, 0)
+    return os.waitstatus_to_exitcode(status) == 0
+
+
+def _run(module: str, tree: ast.Module, file: Path, tests: tuple[str, ...]) -> int:
+    import signal
+
+    import pytest
+
+    signal.alarm(TIMEOUT_S)
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    made = types.ModuleType(module)
+    made.__file__ = str(file)
+    made.__package__ = module.rpartition(".")[0]
+    sys.modules[module] = made
+    exec(compile(tree, str(file), "exec"), made.__dict__)
+    with contextlib.redirect_stdout(io.StringIO()):
+        # What is loaded already cannot be rewritten by pytest, which would be an error.
+        quiet = ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        return int(pytest.main(["-x", "-q", "-p", "no:cov", *quiet, *tests]))
+
+
+def enumerations_of(module: str) -> dict[str, type]:
+    """Names of a module that stand for enumerations, asked of a process that ends again."""
+    import enum
+
+    found = importlib.import_module(module)
+    return {
+        name: value
+        for name, value in vars(found).items()
+        if isinstance(value, type) and issubclass(value, enum.Enum)
+    }
+
+
+def main(modules: list[str]) -> int:
+    """Try all mutants of some modules; exit status 1 when one survives."""
+    os.chdir(ROOT)
+    sys.path.insert(0, str(ROOT))
+    for name in PRELOADED:
+        importlib.import_module(name)
+    failed = False
+    for module in modules or list(TESTS):
+        spec = importlib.util.find_spec(module)
+        assert spec is not None
+        assert spec.origin is not None
+        file = Path(spec.origin)
+        enumerations = enumerations_of(module)
+        for name in [name for name in sys.modules if name == module]:
+            del sys.modules[name]
+        source = file.read_text(encoding="utf-8")
+        if not survives(module, ast.parse(source), file, TESTS[module]):
+            sys.stderr.write(f"{module}: its tests fail without any mutation\n")
+            return 2
+        all_mutants = list(mutants(source, enumerations))
+        alive = [name for name, tree in all_mutants if survives(module, tree, file, TESTS[module])]
+        unexplained = [name for name in alive if (module, name.partition(": ")[2]) not in EQUIVALENT]
+        sys.stdout.write(
+            f"{module}: {len(all_mutants)} mutants, {len(all_mutants) - len(alive)} found, "
+            f"{len(alive) - len(unexplained)} equivalent, {len(unexplained)} survive\n"
+        )
+        sys.stdout.writelines(f"  {name}\n" for name in unexplained)
+        failed = failed or bool(unexplained)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
