@@ -13,6 +13,7 @@ from pathlib import Path
 from station.line.bus import open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase
+from station.line.options import DEFAULT_OPTIONS, LineOptions
 from station.rehearsal.prepared import open_rehearsal
 
 SHOT_S = 0.2
@@ -20,7 +21,9 @@ _CHANNELS = itertools.count(1)
 
 
 @contextmanager
-def simulated_station(database: LineDatabase, shot_s: float = SHOT_S) -> Iterator[BusSettings]:
+def simulated_station(
+    database: LineDatabase, shot_s: float = SHOT_S, options: LineOptions = DEFAULT_OPTIONS
+) -> Iterator[BusSettings]:
     """Serve in a thread of its own until the end; yields how to reach it.
 
     Parameters
@@ -29,6 +32,8 @@ def simulated_station(database: LineDatabase, shot_s: float = SHOT_S) -> Iterato
         Of the line.
     shot_s
         How long each wheel takes, seconds.
+    options
+        Of its line.
     """
     settings = BusSettings(channel=f"simulated-{next(_CHANNELS)}")
     stopping = threading.Event()
@@ -36,7 +41,12 @@ def simulated_station(database: LineDatabase, shot_s: float = SHOT_S) -> Iterato
         tempfile.TemporaryDirectory() as folder,
         open_bus(settings) as bus,
         open_rehearsal(
-            bus, database, f"sqlite:///{Path(folder) / 'results.db'}", shot_s=shot_s, acknowledge_s=0.5
+            bus,
+            database,
+            f"sqlite:///{Path(folder) / 'results.db'}",
+            shot_s=shot_s,
+            options=options,
+            acknowledge_s=0.5,
         ) as station,
         ThreadPoolExecutor(1, "station") as pool,
     ):

@@ -15,19 +15,24 @@ from station.line.document import interface_document
 from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, Handshake, Rule
 from station.line.messages import HandshakeState, LineErrorCode
+from station.line.options import LineOptions
 from station.line.orders import PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.line.scenarios import play_scenarios, read_scenarios
 from station.rehearsal.simulated import simulated_station
 
 ROOT = Path(__file__).resolve().parents[3]
-PATIENT = PlcTimeouts(connect_s=20.0, ready_s=20.0, busy_s=10.0, done_s=20.0, acknowledged_s=10.0)
+PATIENT = PlcTimeouts(
+    connect_s=20.0, ready_s=20.0, busy_s=10.0, done_s=20.0, acknowledged_s=10.0, silence_s=4.0
+)
+# A computer that does other work must not look like a lost controller.
+TOLERANT = LineOptions(communication_timeout_s=1.5)
 
 
 @pytest.fixture
 def trial(database: LineDatabase) -> Iterator[Trial]:
     with (
-        simulated_station(database, shot_s=0.1) as settings,
+        simulated_station(database, 0.1, TOLERANT) as settings,
         open_bus(settings) as bus,
         PlcSimulator(bus, database, timeouts=PATIENT) as plc,
     ):

@@ -1,0 +1,205 @@
+"""What the station's side does with bad frames, a lost controller, live angles, and results from before."""
+
+from __future__ import annotations
+
+import pytest
+
+from station.line.interface import PREPARE_LIFETIME_S
+from station.line.messages import (
+    Abort,
+    Acknowledge,
+    Answer,
+    LineErrorCode,
+    LiveAngles,
+    LiveState,
+    Mode,
+    Outcome,
+    Prepare,
+    StationState,
+    StationStatus,
+    Stop,
+    Trigger,
+    WheelAnswer,
+)
+from station.line.messages import HandshakeState as State
+from tests.station.line.line_bench import VIN, Bench, command_frame
+
+FOUR = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+def ok(wheel: str) -> WheelAnswer:
+    return WheelAnswer(wheel, Outcome.OK, -0.5, 0.1, 0.001, 0.002)
+
+
+def lose(bench: Bench) -> None:
+    bench.clock.now += 0.6
+    bench.line.tick()
+
+
+def sent(bench: Bench, name: str) -> dict[str, object]:
+    """The last message of a name that was sent since the last look."""
+    return dict(dict(bench.messages())[name])
+
+
+def test_command_with_a_wrong_crc_or_counter_did_not_happen(bench: Bench) -> None:
+    bench.vin(1)
+    frame = command_frame(bench.database, "start", 1)
+    bench.protector.protect("Command", frame.data)
+    frame.data[3] ^= 1
+    bench.line.receive(frame)
+    frame = command_frame(bench.database, "start", 1)
+    bench.protector.protect("Command", frame.data, jump=7)
+    bench.line.receive(frame)
+    assert bench.commands() == []
+    health = bench.line.health.link
+    assert (health.wrong_crc, health.wrong_counter) == (1, 1)
+
+
+def test_before_the_controller_is_heard_the_station_is_not_ready(bench: Bench) -> None:
+    assert bench.line.status.ready
+    lose(bench)
+    status = bench.status
+    assert not status.ready
+    assert status.error_code is LineErrorCode.COMMUNICATION_LOST
+    assert not bench.answer.link_up
+    assert not status.fault, "the station itself is sound"
+
+
+def test_controller_that_comes_back_must_give_its_start_anew(bench: Bench) -> None:
+    lose(bench)
+    for _ in range(3):
+        bench.vin(5)
+        bench.command("start", 5)
+    assert bench.answer.error_code is LineErrorCode.START_STALE
+    assert bench.commands() == []
+    bench.command("none", 5)
+    bench.start(5)
+    assert [type(command) for command in bench.commands()] == [Trigger]
+
+
+def test_cycle_goes_on_when_the_controller_is_lost_and_its_results_wait(bench: Bench) -> None:
+    bench.start(1)
+    lose(bench)
+    assert bench.status.busy
+    assert [type(command) for command in bench.commands()] == [Trigger]
+    bench.line.send_results(1, [ok(wheel) for wheel in FOUR])
+    assert bench.status.done
+    bench.link_up()
+    bench.command("acknowledge", 1)
+    assert bench.commands() == [Acknowledge(1)]
+
+
+def test_adjusting_ends_when_the_controller_is_lost(bench: Bench) -> None:
+    bench.start(1, mode="adjust")
+    (trigger,) = bench.commands()
+    assert isinstance(trigger, Trigger)
+    assert trigger.mode is Mode.ADJUST
+    lose(bench)
+    assert bench.commands() == [Abort(1, LineErrorCode.COMMUNICATION_LOST)]
+    assert bench.status.handshake is State.ENDING
+
+
+def test_live_angles_go_out_at_once_and_turn_stale(bench: Bench) -> None:
+    bench.start(1, mode="adjust")
+    bench.messages()
+    live = LiveAngles("front_left", LiveState.INSIDE, 7, -0.5, 0.25)
+    bench.line.publish_live(live, bench.clock.now)
+    found = sent(bench, "LiveAnglesFrontLeft")
+    assert (found["State"], found["Shot"]) == ("inside", 7)
+    assert found["Toe"] == pytest.approx(0.25)
+    bench.clock.now += 0.4
+    bench.command("none", 0)
+    bench.line.tick()
+    assert sent(bench, "LiveAnglesFrontLeft")["State"] == "inside"
+    bench.clock.now += 0.61
+    bench.line.tick()
+    found = sent(bench, "LiveAnglesFrontLeft")
+    assert (found["State"], found["Camber"], found["Toe"]) == ("stale", "invalid", "invalid")
+    bench.command("none", 0)
+    bench.command("none", 0)
+    bench.line.send_results(1, [ok(wheel) for wheel in FOUR])
+    bench.messages()
+    bench.line.tick()
+    assert "LiveAnglesFrontLeft" not in dict(bench.messages())
+
+
+def test_stop_reaches_the_cycle(bench: Bench) -> None:
+    bench.start(1, mode="adjust")
+    bench.command("stop", 1)
+    assert bench.commands()[-1] == Stop(1)
+    assert bench.status.handshake is State.BUSY
+
+
+def test_preparation_is_forgotten_after_a_while(bench: Bench) -> None:
+    bench.command("prepare", 3, wheels=0b0011)
+    assert bench.commands() == [Prepare(3, ("front_left", "front_right"), 7)]
+    assert bench.status.handshake is State.PREPARED
+    assert bench.answer.answer is Answer.ACCEPTED
+    bench.clock.now += PREPARE_LIFETIME_S + 1
+    bench.line.tick()
+    assert bench.status.handshake is State.READY
+
+
+def test_preparation_that_the_cycle_declines(bench: Bench) -> None:
+    bench.command("prepare", 3)
+    bench.commands()
+    bench.line.refuse(3, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert bench.answer.error_code is LineErrorCode.UNKNOWN_VEHICLE_TYPE
+    assert bench.status.ready
+
+
+def test_mode_that_no_value_table_has(bench: Bench) -> None:
+    bench.vin(1)
+    frame = command_frame(bench.database, "start", 1)
+    frame.data[7] = 0x0F
+    bench.receive(frame)
+    assert bench.answer.error_code is LineErrorCode.MODE_NOT_AVAILABLE
+    assert bench.commands() == []
+
+
+def test_results_of_an_earlier_run_are_offered_until_they_are_taken(bench: Bench) -> None:
+    bench.line._handshake.__init__()  # type: ignore[misc]
+    outcome = bench.line.restore_results(77, [ok(wheel) for wheel in FOUR])
+    assert outcome is Outcome.OK
+    bench.line.publish(StationStatus(StationState.REPORTING))
+    assert (bench.status.done, bench.status.sequence) == (True, 77)
+    bench.messages()
+    bench.line.tick()
+    assert sent(bench, "VehicleResult")["Sequence"] == 77
+    bench.command("acknowledge", 77)
+    assert bench.commands() == [Acknowledge(77)]
+
+
+def test_information_and_error_detail_come_every_second_and_when_they_change(bench: Bench) -> None:
+    bench.messages()
+    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT, "rear_left"))
+    detail = sent(bench, "ErrorDetail")
+    assert (detail["Part"], detail["ErrorCode"], detail["Wheel"], detail["Count"]) == (
+        "cameras",
+        "camera_fault",
+        "rear_left",
+        1,
+    )
+    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT, "rear_left"))
+    assert "ErrorDetail" not in dict(bench.messages())
+    names: list[str] = []
+    for _ in range(21):
+        bench.clock.now += 0.1
+        bench.line.tick()
+        names += [name for name, _ in bench.messages()]
+    assert names.count("Status") == 21
+    assert 2 <= names.count("StationInfo") <= 3
+    assert 2 <= names.count("ErrorDetail") <= 4
+    assert bench.line.health.faults == 1
+
+
+def test_refusal_that_comes_after_a_reset_is_harmless(bench: Bench) -> None:
+    bench.start(1)
+    bench.command("reset", 2)
+    bench.line.refuse(1, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert bench.status.handshake is State.RESETTING
+
+
+def test_trigger_carries_the_vin(bench: Bench) -> None:
+    bench.start(1)
+    assert bench.commands() == [Trigger(1, FOUR, 7, VIN)]
