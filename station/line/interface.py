@@ -274,6 +274,8 @@ class StationLine:
                 vehicle_answer or VehicleAnswer(Outcome.NOT_REQUESTED),
             )
             self._handshake.restore(sequence)
+            # Not 'starting' any more: a fault beside valid results would be taken for theirs.
+            self._status = StationStatus(StationState.REPORTING)
             self._repeat_results()
             return overall
 
