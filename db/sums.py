@@ -13,6 +13,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, delete, func, literal, select, text, union_all, update
 from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.exc import OperationalError
 
 from db.partial_sums import (
     CATEGORY,
@@ -43,6 +44,7 @@ _SUM_KEY = ("characteristic_id", "hours", "start", "station_id")
 _COUNT_KEY = ("category_id", "hours", "start", "station_id")
 # One program at a time: an arbitrary number that all Truewheel programs share.
 _SUMS_LOCK = 7_206_155_015
+_LOCK_NOT_AVAILABLE = "55P03"
 
 
 def update_sums(engine: Engine, most: int = 20_000) -> int:
@@ -50,7 +52,9 @@ def update_sums(engine: Engine, most: int = 20_000) -> int:
 
     Another program that does so at the same time is left to it: then nothing happens here.
     """
-    last = _last_committed(engine)
+    committed = _last_committed(engine)
+    if not committed:
+        return 0
     with engine.connect().execution_options(writes=True) as connection, connection.begin():
         if connection.dialect.name == "postgresql":
             mine = connection.execute(select(func.pg_try_advisory_xact_lock(_SUMS_LOCK))).scalar_one()
@@ -59,16 +63,15 @@ def update_sums(engine: Engine, most: int = 20_000) -> int:
         done, whole_days_until = connection.execute(
             select(sums_state.c.last_cycle_id, sums_state.c.whole_days_until)
         ).one()
-        last = min(last, done + most)
-        if last <= done:
+        # Numbers may have gaps, so the cycles themselves are counted.
+        next_ones = select(cycles.c.id).where(cycles.c.id > done, cycles.c.id <= committed)
+        portion = next_ones.order_by(cycles.c.id).limit(most).subquery("portion")
+        added, last = connection.execute(select(func.count(), func.max(portion.c.id))).one()
+        if not added:
             return 0
         new = Selection(after_id=done, last_id=last)
-        added = connection.execute(
-            select(func.count()).select_from(cycles).where(*new.of_cycles)
-        ).scalar_one()
-        if added:
-            _add(connection, new)
-            whole_days_until = _sum_days(connection, new, whole_days_until)
+        _add(connection, new)
+        whole_days_until = _sum_days(connection, new, whole_days_until)
         connection.execute(
             update(sums_state).values(
                 last_cycle_id=last, whole_days_until=whole_days_until, summed_utc=datetime.now(UTC)
@@ -193,15 +196,34 @@ def _agree(kept: Any, true: Any) -> bool:
 
 
 def _last_committed(engine: Engine) -> int:
-    """The highest id of a cycle below which no other can appear any more."""
+    """The highest id of a cycle below which no other can appear; 0 when there is nothing to do now."""
+    newest = select(func.coalesce(func.max(cycles.c.id), 0)).scalar_subquery()
     with engine.connect() as connection, connection.begin():
-        if connection.dialect.name == "postgresql":
-            # Ids are given before the commit. Once no writer holds the table, all below the highest are
-            # there; writers wait for a moment, and never longer than this.
-            connection.execute(text("SET LOCAL lock_timeout = '500ms'"))
-            connection.execute(text("LOCK TABLE cycles IN SHARE MODE"))
-        last: int = connection.execute(select(func.coalesce(func.max(cycles.c.id), 0))).scalar_one()
+        if not connection.execute(select(newest > sums_state.c.last_cycle_id)).scalar_one():
+            return 0
+        if connection.dialect.name == "postgresql" and not _alone(connection):
+            return 0
+        last: int = connection.execute(select(newest)).scalar_one()
         return last
+
+
+def _alone(connection: Connection) -> bool:
+    """Wait for a moment without writers; false when it does not come soon.
+
+    Ids are given before the commit. Once no writer holds the table, all below the highest are there. Writers
+    that come meanwhile wait too, so never long; the next call has another chance.
+    """
+    if not connection.execute(select(func.pg_try_advisory_xact_lock(_SUMS_LOCK))).scalar_one():
+        return False
+    connection.execute(text("SET LOCAL lock_timeout = '250ms'"))
+    try:
+        with connection.begin_nested():
+            connection.execute(text("LOCK TABLE cycles IN SHARE MODE"))
+    except OperationalError as error:
+        if getattr(error.orig, "sqlstate", None) == _LOCK_NOT_AVAILABLE:
+            return False
+        raise
+    return True
 
 
 def _add(connection: Connection, new: Selection) -> None:

@@ -10,6 +10,7 @@ from datetime import UTC, datetime, time, timedelta
 
 import numpy as np
 import pytest
+from sqlalchemy import text
 
 from alignment.errors import InputError
 from db.engine import make_engine, parse_url
@@ -273,3 +274,32 @@ def test_a_night_shift_ends_on_the_next_day_and_follows_the_clock_change() -> No
 def test_stations_and_types_of_the_plant_are_what_the_records_say() -> None:
     assert {record.station for record in RECORDS} == set(STATIONS)
     assert {record.vehicle.vehicle_type for record in RECORDS if record.vehicle} == set(TYPES)
+
+
+def test_numbers_with_gaps_are_summed_to_the_last(postgres_url: str) -> None:
+    with ResultStore(postgres_url, create=True) as store:
+        store.record_calibration(CALIBRATION)
+        store.write_cycle(RECORDS[0])
+        engine = make_engine(parse_url(postgres_url), timeout_s=5.0)
+        with engine.begin() as connection:
+            connection.execute(text("SELECT setval('cycles_id_seq', 3000000)"))
+        store.write_cycle(RECORDS[1])
+        assert bring_up_to_date(engine) == 2
+        engine.dispose()
+    with ResultReader(postgres_url) as reader, reader.transaction() as connection:
+        assert check_sums(connection).cycles == 2
+        assert check_sums(connection).differences == ()
+
+
+def test_a_writer_that_takes_its_time_delays_the_sums_and_nothing_else(postgres_url: str) -> None:
+    with ResultStore(postgres_url, create=True) as store:
+        store.record_calibration(CALIBRATION)
+        engine = make_engine(parse_url(postgres_url), timeout_s=5.0)
+        with engine.begin() as slow:
+            # Has its number already, and is not committed when the next one is.
+            write_cycles(slow, RECORDS[:1], NOON)
+            store.write_cycle(RECORDS[1])
+            assert update_sums(engine) == 0
+        assert update_sums(engine) == 2
+        assert update_sums(engine) == 0
+        engine.dispose()
