@@ -161,7 +161,7 @@ def test_results_of_an_earlier_run_are_offered_until_they_are_taken(bench: Bench
     bench.line._handshake.__init__()  # type: ignore[misc]
     outcome = bench.line.restore_results(77, [ok(wheel) for wheel in FOUR])
     assert outcome is Outcome.OK
-    assert (bench.status.done, bench.status.fault) == (True, False)
+    assert (bench.line.status.done, bench.line.status.fault) == (True, False)
     bench.line.publish(StationStatus(StationState.REPORTING))
     assert (bench.status.done, bench.status.sequence) == (True, 77)
     bench.messages()
