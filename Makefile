@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test lint studies bench clean
+.PHONY: help setup demo test lint studies mutants bench clean
 
 help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
 	@echo "make test     run the tests"
 	@echo "make lint     format, style, types, import layers"
 	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
+	@echo "make mutants  mutation testing of the verdict and the line's handshake"
 	@echo "make bench    the program against its peers, in one run"
 	@echo "make setup    only install, into .venv"
 	@echo "make clean    remove .venv"
@@ -36,6 +37,9 @@ lint: setup
 studies: setup
 	@$(BIN)/truewheel study all --out out/studies; status=$$?; \
 		$(BIN)/python tools/accuracy.py out/studies && exit $$status
+
+mutants: setup
+	$(BIN)/python tools/mutate.py
 
 bench: setup
 	@$(BIN)/python -m benchmarks.measure_wheel; status=$$?; \
