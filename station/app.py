@@ -54,6 +54,7 @@ def run_station(config: Path, stopping: threading.Event | None = None) -> None:
             settings.line.channel,
         )
         station.cycle.serve(stopping)
+        _LOG.info("line at the end: %s", station.line.health)
     _LOG.info("stopped")
 
 

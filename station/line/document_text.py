@@ -86,9 +86,9 @@ sequenceDiagram
     P->>S: Command none
 ```
 
-Nothing of a result goes out before its record is committed. Over two slcan ends back to back, busy
-follows the start within 10 ms and the first result the commit within 5 ms, at the 99th percentile of ten
-thousand cycles on a computer that does nothing else: `truewheel study line-endurance` measures both.
+Nothing of a result goes out before its record is committed. What is aimed at, between two programs on
+one computer: busy within 10 ms of the start, the first result within 5 ms of the commit, at the 99th
+percentile of ten thousand cycles. `truewheel study line-endurance` measures both on yours.
 """
 
 HELD_AND_LOST = """
