@@ -1,13 +1,16 @@
-"""The README's examples, run as they stand."""
+"""The README's examples run as they stand; every command a document shows is one; links lead somewhere."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
+import click
 import pytest
+from typer.main import get_command
 
-from station.cli import main
+from station.cli import app, main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -43,3 +46,26 @@ def test_every_make_target_that_the_readme_names_exists() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in set(re.findall(r"`?make ([a-z]+)`?", README)):
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
+
+
+def documented_commands() -> list[tuple[str, str]]:
+    """Each command line that a document shows, with the document's name; continued lines joined."""
+    found = []
+    for document in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        text = document.read_text(encoding="utf-8").replace("\\\n", " ")
+        for line in re.findall(r"^(?: {4}|\$ )?(?:\.venv/bin/)?truewheel (.+)$", text, flags=re.MULTILINE):
+            found.append((document.name, line))
+    return found
+
+
+@pytest.mark.parametrize(("document", "line"), documented_commands())
+def test_every_command_that_a_document_shows_is_understood(document: str, line: str) -> None:
+    arguments = shlex.split(line, comments=True)
+    command: click.Command = get_command(app)
+    context = click.Context(command)
+    while isinstance(command, click.Group):
+        name, command, arguments = command.resolve_command(context, arguments)  # type: ignore[assignment]
+        assert command is not None
+        context = click.Context(command, parent=context, info_name=name)
+    # Parsed with all checks of options, not run.
+    command.make_context(command.name, arguments, parent=context.parent)
