@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
-import click
 import pytest
 from typer.main import get_command
 
@@ -61,11 +61,11 @@ def documented_commands() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("document", "line"), documented_commands())
 def test_every_command_that_a_document_shows_is_understood(document: str, line: str) -> None:
     arguments = shlex.split(line, comments=True)
-    command: click.Command = get_command(app)
-    context = click.Context(command)
-    while isinstance(command, click.Group):
-        name, command, arguments = command.resolve_command(context, arguments)  # type: ignore[assignment]
-        assert command is not None
-        context = click.Context(command, parent=context, info_name=name)
+    command: Any = get_command(app)
+    context = None
+    while hasattr(command, "resolve_command"):
+        context = command.make_context(command.name, arguments, parent=context)
+        rest = [*context._protected_args, *context.args]
+        _, command, arguments = command.resolve_command(context, rest)
     # Parsed with all checks of options, not run.
-    command.make_context(command.name, arguments, parent=context.parent)
+    command.make_context(command.name, arguments, parent=context)
