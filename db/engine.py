@@ -90,8 +90,9 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False, read_only: 
         settings |= {
             "default_transaction_read_only": "on",
             "default_transaction_isolation": r"repeatable\ read",
-            # Compiling costs more than the short questions asked here.
+            # Compiling and helpers cost more than the short questions asked here.
             "jit": "off",
+            "max_parallel_workers_per_gather": "0",
         }
     given = url.query.get("options", "")
     options = [given if isinstance(given, str) else " ".join(given)]
