@@ -400,3 +400,9 @@ def test_no_history_yields_two_triggers_without_an_end_between_or_results_withou
         else:
             assert open_start is not None
             assert handshake.awaits(open_start)
+
+
+def test_command_without_content_asks_for_nothing() -> None:
+    asked = Asked(CommandCode.STOP, 1)
+    assert (asked.wheels, asked.vehicle_type, asked.mode, asked.vin) == ((), 0, Mode.AUTOMATIC, "")
+    assert (asked.received_s, asked.trouble) == (0.0, LineErrorCode.NONE)
