@@ -364,7 +364,9 @@ def test_number_of_a_start_that_was_reset_may_be_used_again() -> None:
 
 
 def test_before_the_first_command_there_is_no_answer() -> None:
-    assert Handshake().reply.answer is Answer.NONE
+    reply = Handshake().reply
+    assert reply.answer is Answer.NONE
+    assert (reply.code, reply.sequence, reply.refusal) == (CommandCode.NONE, 0, LineErrorCode.NONE)
 
 
 COMMANDS_IN = st.builds(
