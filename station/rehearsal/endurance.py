@@ -84,7 +84,9 @@ def run_endurance(folder: Path, dbc: Path, cycles: int, progress: Callable[[int]
     memory: list[tuple[float, float]] = []
     database = load_line_database(dbc)
     with Cable() as cable:
-        order = StationOrder("slcan", cable.ends[0], str(dbc), url, str(report))
+        order = StationOrder(
+            "slcan", cable.ends[0], str(dbc), url, str(report), communication_timeout_s=TIMEOUTS.silence_s
+        )
         with (
             RehearsalProcess(_MODULE, order) as station,
             open_bus(cable.settings(1)) as bus,

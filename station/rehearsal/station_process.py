@@ -17,6 +17,7 @@ from station.line.bus import LineBus
 from station.line.channel import Channel
 from station.line.dbc import load_line_database
 from station.line.messages import StationState
+from station.line.options import LineOptions
 from station.ports import CycleReport, Line, Observer, Store
 from station.rehearsal.cable_settings import settings_of
 from station.rehearsal.prepared import open_rehearsal
@@ -39,6 +40,8 @@ class StationOrder:
         Whether it counts the steps of the first cycle.
     kill_at
         Step at which it kills itself.
+    communication_timeout_s
+        Without a good Command frame for so long the controller is lost; None takes the DBC's timeout.
     """
 
     interface: str
@@ -48,6 +51,7 @@ class StationOrder:
     report: str
     steps: bool = False
     kill_at: int | None = None
+    communication_timeout_s: float | None = None
 
 
 class _Report(Observer):
@@ -92,7 +96,12 @@ def serve(order: StationOrder, stopping: threading.Event) -> None:
         Path(order.report).open("a", encoding="utf-8") as file,
         LineBus(opened if counting else channel, released=channel.release) as bus,
         open_rehearsal(
-            bus, database, order.database, observer=_Report(file, steps), wrapped=wrapped
+            bus,
+            database,
+            order.database,
+            observer=_Report(file, steps),
+            options=LineOptions(communication_timeout_s=order.communication_timeout_s),
+            wrapped=wrapped,
         ) as station,
     ):
         sys.stdout.write("ready\n")

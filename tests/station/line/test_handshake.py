@@ -408,3 +408,17 @@ def test_command_without_content_asks_for_nothing() -> None:
     asked = Asked(CommandCode.STOP, 1)
     assert (asked.wheels, asked.vehicle_type, asked.mode, asked.vin) == ((), 0, Mode.AUTOMATIC, "")
     assert (asked.received_s, asked.trouble) == (0.0, LineErrorCode.NONE)
+
+
+def test_start_in_hand_that_still_stands_when_the_communication_comes_back_is_harmless() -> None:
+    handshake = handshake_in(State.BUSY)
+    handshake.happened(Event.LINK_LOST)
+    assert handshake.asked(START) is None
+    assert handshake.reply.answer is Answer.ACCEPTED
+    assert handshake.state is State.BUSY
+
+
+def test_content_of_a_command_that_has_none_does_not_matter() -> None:
+    handshake = handshake_in(State.BUSY)
+    told = handshake.asked(Asked(CommandCode.ABORT, OWN, trouble=LineErrorCode.VIN_INCOMPLETE))
+    assert told == Abort(OWN)
