@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import pytest
 from hypothesis import given
@@ -422,3 +422,9 @@ def test_content_of_a_command_that_has_none_does_not_matter() -> None:
     handshake = handshake_in(State.BUSY)
     told = handshake.asked(Asked(CommandCode.ABORT, OWN, trouble=LineErrorCode.VIN_INCOMPLETE))
     assert told == Abort(OWN)
+
+
+@pytest.mark.parametrize("value", [COMMANDS[State.READY][Request.RESET], START, Handshake().reply])
+def test_rules_commands_and_replies_cannot_be_changed(value: object) -> None:
+    with pytest.raises(FrozenInstanceError):
+        value.refusal = value.trouble = LineErrorCode.BUSY  # type: ignore[attr-defined]
