@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.calibration.prediction import angle_covariance
+from alignment.calibration.prediction import angle_covariance, predicted_misfits
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import level_share
 from alignment.imaging.lines import LightLines, extract_many
@@ -39,14 +39,17 @@ Index = NDArray[np.int64]
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _STRETCH = 25  # line points that count as one cluster
-_GOOD_SCALE = 6.0  # residuals in units of the image noise below which no other hypothesis needs a look
+_GOOD_SCALE = 3.0  # residuals in units of the image noise below which no other hypothesis needs a look
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
-_LEAST_SHARE = 0.05  # of the offered points; most may lie on rim and obstacles
-# A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS and so much of the
-# residuals, moved: undisturbed heads stay below 0.004 mm, a turn of a tenth of a degree gives 0.015 mm.
-_WORST_MISFIT, _MISFIT_SHARE = 0.01, 0.05
-_FULL_SCALE_SHARE = 0.5
+_LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
+_LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
+# A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS, moved: more than the
+# skin of a tyre explains, more than the noise of the head's points does, which five movements fit a little,
+# and more than the errors of the calibration do: three stated deviations, or a hundredth of a millimetre
+# where it states none.
+_LEAST_MISFIT, _UNSTATED_MISFIT, _DEVIATIONS, _MOVEMENTS = 0.003, 0.01, 3.0, 5
+_FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
 
@@ -311,6 +314,16 @@ def _evaluate(
         qualities.append(
             HeadQuality(camera_pair.name, count, candidates.offered, _rms(fit.residuals, fit.weights, mine))
         )
+    share = sum(quality.points for quality in qualities) / sum(
+        quality.points_offered for quality in qualities
+    )
+    if share < _LEAST_OF_ALL:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
+            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
+            "the calibration is the rig's",
+        )
     rms = _rms(fit.residuals, fit.weights, used)
     if rms > _WORST_RMS:
         return Refusal(
@@ -319,14 +332,16 @@ def _evaluate(
             "check the calibration and what stands in front of the heads",
         )
     misfits = head_misfits(pool.points[surface.chosen], head, len(matched), fit)
-    worst = int(misfits.argmax())
-    if misfits[worst] > _WORST_MISFIT + _MISFIT_SHARE * rms:
+    counts = np.array([quality.points for quality in qualities])
+    limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / counts)
+    worst = int((misfits - limits).argmax())
+    if misfits[worst] > limits[worst]:
         name = calibration.heads[worst].name
         return Refusal(
             RefusalCode.HEAD_MOVED,
             f"{name} does not fit the other heads: a movement of the whole head explains "
-            f"{1e3 * misfits[worst]:.0f} µm of its residuals, of the next head's "
-            f"{1e3 * np.sort(misfits)[-2]:.0f} µm; check that it has not been knocked, and calibrate again",
+            f"{1e3 * misfits[worst]:.0f} µm of its residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
+            "check that it has not been knocked, and calibrate again",
             name,
         )
     points, weights = pool.points[surface.chosen][used], fit.weights[used]
@@ -386,6 +401,14 @@ def _from_calibration(calibration: RigCalibration) -> Array:
     if calibration.covariance is None:
         return np.zeros((2, 2))
     return angle_covariance(calibration)
+
+
+@lru_cache(maxsize=16)
+def _worst_misfit(calibration: RigCalibration) -> float:
+    """Largest misfit of a head, millimetres, were there no noise; computed once for each calibration."""
+    if calibration.covariance is None:
+        return _UNSTATED_MISFIT
+    return _LEAST_MISFIT + _DEVIATIONS * float(predicted_misfits(calibration).max())
 
 
 def _rms(residuals: Array, weights: Array, mask: NDArray[np.bool_]) -> float:

@@ -91,28 +91,8 @@ def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = 
     DegenerateInputError
         When a head does not see the wheel.
     """
-    wheel = wheel or NominalWheel()
-    points, moves = [], []
-    first = 0
+    _, _, _, solution = _response(calibration, wheel or NominalWheel())
     size = len(calibration.parameter_names)
-    for head in calibration.heads:
-        seen = wheel_points(head, wheel)
-        local = line_sensitivity(head, seen)
-        at_head = np.zeros((len(seen), 3, size))
-        at_head[:, :, first : first + local.shape[2]] = local
-        first += local.shape[2]
-        points.append(seen)
-        moves.append(at_head)
-    x = np.concatenate(points)
-    radius = np.hypot(x[:, 0], x[:, 1])
-    slope = wheel.slope(radius)
-    outward = x[:, :2] / radius[:, None]
-    normal = np.column_stack([-slope[:, None] * outward, np.ones(len(x))])
-    heights = np.einsum("na,nap->np", normal, np.concatenate(moves))
-    # Unknowns of the fit: slopes of z along x and y, the axis' place, the profile.
-    design = np.column_stack([x[:, 0], x[:, 1], -slope[:, None] * outward, profile_basis(radius)])
-    # Least norm: where the sidewall is flat, the axis' place has no effect and no value.
-    solution = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=1e-12)[0]
     normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
     if calibration.vehicle_from_rig_measured:
         # A turn ω of the rig takes its z axis to ω × z.
@@ -121,6 +101,56 @@ def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = 
     nominal = turn @ np.array([0.0, 0.0, 1.0])
     out: Array = camber_toe_jacobian(nominal, calibration.side) @ turn @ normal_change
     return out
+
+
+def predicted_misfits(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
+    """(H,) RMS height, millimetres, by which each head's points leave the common surface.
+
+    One standard deviation, from the errors of the calibration alone.
+
+    Raises
+    ------
+    DegenerateInputError
+        As `predict_angle_uncertainty`.
+    """
+    head, heights, design, solution = _response(calibration, wheel or NominalWheel())
+    left = heights - design @ solution
+    variance = np.einsum("np,pq,nq->n", left, _covariance(calibration), left)
+    # Rounding may leave a variance of nothing below zero.
+    out: Array = np.sqrt(np.bincount(head, np.maximum(variance, 0.0)) / np.bincount(head))
+    return out
+
+
+def _response(
+    calibration: RigCalibration, wheel: NominalWheel
+) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """How a fit to a nominal wheel answers errors of the calibration's P parameters.
+
+    Head (N,) of each point, change of its height (N, P), derivatives (N, U) of the fit's unknowns (slopes of
+    z along x and y, the axis' place, the profile), and their change (U, P).
+    """
+    points, moves, heads = [], [], []
+    first = 0
+    size = len(calibration.parameter_names)
+    for k, head in enumerate(calibration.heads):
+        seen = wheel_points(head, wheel)
+        local = line_sensitivity(head, seen)
+        at_head = np.zeros((len(seen), 3, size))
+        at_head[:, :, first : first + local.shape[2]] = local
+        first += local.shape[2]
+        points.append(seen)
+        moves.append(at_head)
+        heads.append(np.full(len(seen), k))
+    x = np.concatenate(points)
+    radius = np.hypot(x[:, 0], x[:, 1])
+    slope = wheel.slope(radius)
+    outward = x[:, :2] / radius[:, None]
+    normal = np.column_stack([-slope[:, None] * outward, np.ones(len(x))])
+    heights = np.einsum("na,nap->np", normal, np.concatenate(moves))
+    design = np.column_stack([x[:, 0], x[:, 1], -slope[:, None] * outward, profile_basis(radius)])
+    # Least norm: where the sidewall is flat, the axis' place has no effect and no value.
+    solution = np.linalg.lstsq(design.T @ design, design.T @ heights, rcond=1e-12)[0]
+    return np.concatenate(heads), heights, design, solution
 
 
 def point_covariance(calibration: RigCalibration, head: int, points: Array) -> Array:

@@ -9,6 +9,7 @@ from alignment.calibration.prediction import (
     angle_sensitivity,
     point_covariance,
     predict_angle_uncertainty,
+    predicted_misfits,
     wheel_points,
 )
 from alignment.errors import DegenerateInputError
@@ -110,3 +111,24 @@ def test_uncertainty_grows_with_the_covariance() -> None:
 def test_heads_that_do_not_see_the_wheel_are_named() -> None:
     with pytest.raises(DegenerateInputError, match="head_1"):
         angle_sensitivity(rig(), NominalWheel(inner_mm=20.0, outer_mm=60.0))
+
+
+def test_predicted_misfit_is_what_a_turned_camera_leaves_and_grows_with_its_uncertainty() -> None:
+    calibration = rig()
+    covariance = np.zeros((len(calibration.parameter_names),) * 2)
+    at = calibration.parameter_names.index("head_2.left.ry")
+    covariance[at, at] = 1e-4**2
+    misfits = predicted_misfits(replace(calibration, covariance=covariance))
+    # A ten-thousandth of a radian moves a third of a pixel: 0.2 mm of height, most of which the axis follows.
+    assert 0.001 < misfits.max() < 0.2
+    twice = predicted_misfits(replace(calibration, covariance=4.0 * covariance))
+    assert twice == pytest.approx(2.0 * misfits)
+
+
+def test_an_error_that_lifts_all_heads_together_is_no_misfit() -> None:
+    calibration = rig()
+    lift = np.array([1.0 * name.endswith("cz_mm") for name in calibration.parameter_names])
+    covariance = 0.1**2 * np.outer(lift, lift)
+    assert predicted_misfits(replace(calibration, covariance=covariance)).max() < 1e-3
+    with pytest.raises(DegenerateInputError, match="covariance"):
+        predicted_misfits(calibration)
