@@ -40,6 +40,7 @@ _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _STRETCH = 25  # line points that count as one cluster
 _GOOD_SCALE = 3.0  # residuals in units of the image noise below which no other hypothesis needs a look
+_FEW_OF_MEDIAN = 0.3  # of the points that the middle one of the heads has on the wheel
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
@@ -238,7 +239,7 @@ def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | 
             best = surface
         if best.fit.scale < _GOOD_SCALE:
             break
-    if best is not None and best.fit.scale >= _GOOD_SCALE:
+    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(pool, best)):
         best = _without_intruder(pool, best)
     if best is None:
         return Refusal(
@@ -262,9 +263,19 @@ def _fit_hypothesis(pool: _Pool, hypothesis: PlaneHypothesis) -> _Surface:
     return _Surface(fit, chosen)
 
 
+def _one_head_is_off(pool: _Pool, surface: _Surface) -> bool:
+    """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
+    counts = np.bincount(
+        pool.head[surface.chosen][surface.fit.weights > 0], minlength=int(pool.head.max()) + 1
+    )
+    return bool(counts.min() < _FEW_OF_MEDIAN * np.median(counts))
+
+
 def _without_intruder(pool: _Pool, surface: _Surface) -> _Surface:
     """Start again from all heads but one: something before that head may have spoilt the fit."""
     best, most = surface, 0
+    if surface.fit.scale < _GOOD_SCALE:
+        most = int(np.count_nonzero(surface.fit.weights))
     for head in range(int(pool.head.max()) + 1):
         chosen = surface.chosen & (pool.head != head)
         try:
