@@ -21,10 +21,13 @@ Text = Annotated[str, Field(min_length=1, max_length=200)]
 _MOST_MARKS = 160_000
 
 
+Index = Annotated[int, Field(ge=-10_000, le=10_000)]
+
+
 class PlateMark(StrictModel):
     """One mark of the plate."""
 
-    index: tuple[int, int] = Field(description="Column and row")
+    index: tuple[Index, Index] = Field(description="Column and row")
     point_mm: Point = Field(description="Stated position, millimetres")
     sigma_mm: tuple[Sigma, Sigma, Sigma] = Field(description="Its standard uncertainties, millimetres")
     hollow: bool = Field(description="True for a ring mark")
@@ -46,7 +49,7 @@ class Seen(StrictModel):
     corrected: bool = Field(
         description="True: projections of the marks' centres; false: centres of their imaged outlines"
     )
-    marks: tuple[Annotated[int, Field(ge=0)], ...] = Field(
+    marks: tuple[Annotated[int, Field(ge=0, lt=_MOST_MARKS)], ...] = Field(
         max_length=_MOST_MARKS, description="Numbers of the plate's marks, from 0"
     )
     pixels: tuple[Pixel, ...] = Field(max_length=_MOST_MARKS, description="Where they are, pixels")
