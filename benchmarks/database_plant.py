@@ -8,16 +8,38 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import sqlite3
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
-from uuid import UUID
+from uuid import UUID, uuid4
 
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
+from sqlalchemy import text
+
+from db.engine import make_engine, parse_url
+from db.migrate import migrate
+from db.partitions import ensure_partitions
+from db.quality_records import InstallationRecord, StationRecord
+from db.records import (
+    CalibrationCheckRecord,
+    CalibrationRecord,
+    CheckKind,
+    CheckOutcome,
+    CycleOutcome,
+    CycleRecord,
+    VehicleRecord,
+    Verdict,
+    WheelOutcome,
+    WheelRecord,
+)
+from db.store import ResultStore
+from db.sums import bring_up_to_date
 
 STATIONS = tuple(f"station_{number:02d}" for number in range(1, 21))
 PLANTS = ("Plant North", "Plant South")
@@ -25,6 +47,9 @@ TYPES = ("compact", "van", "estate")
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 # Two shifts, 06:00 to 22:00 UTC; the last one ends here.
 END = datetime(2026, 11, 20, 22, tzinfo=UTC)
+SEED = 1
+# Every rig is checked with the master wheel once a day.
+CHECKED_DAYS = 60
 MINUTES_A_DAY = 960
 _DEG = math.radians(1.0)
 _U = 1.2e-5
@@ -158,10 +183,14 @@ def _chunk(rng: np.random.Generator, first: int, n: int, last_minute: int) -> Ch
 
 def load_postgresql(url: str, parts: Iterator[Chunk]) -> None:
     """Write chunks with COPY; foreign keys are not checked meanwhile."""
+    engine = make_engine(parse_url(url), timeout_s=60.0)
     with psycopg.connect(url, autocommit=True) as connection:
         connection.execute("SET session_replication_role = replica")
         connection.execute("SET synchronous_commit = off")
         for part in parts:
+            # As stations do; before the rows that need them.
+            with engine.begin() as maintenance:
+                ensure_partitions(maintenance)
             for table, (names, columns) in part.tables.items():
                 statement = f"COPY {table} ({', '.join(names)}) FROM STDIN"
                 with connection.cursor() as cursor, cursor.copy(statement.encode()) as copy:
@@ -169,7 +198,7 @@ def load_postgresql(url: str, parts: Iterator[Chunk]) -> None:
         for table in ("vehicles", "cycles"):
             newest = f"(SELECT max(id) FROM {table})"
             connection.execute(f"SELECT setval(pg_get_serial_sequence('{table}', 'id'), {newest})".encode())
-        connection.execute("ANALYZE")
+    engine.dispose()
 
 
 def _copy_text(columns: Sequence[list[Any]]) -> bytes:
@@ -191,10 +220,81 @@ def load_sqlite(path: str, parts: Iterator[Chunk]) -> None:
             statement = f"INSERT INTO {table} ({', '.join(names)}) VALUES ({marks})"
             connection.executemany(statement, zip(*columns, strict=True))
         connection.execute("COMMIT")
-    connection.execute("ANALYZE")
     connection.close()
 
 
-def check_time(hours_before_end: float) -> datetime:
-    """A time before the end of the data."""
-    return END - timedelta(hours=hours_before_end)
+def new_cycle(station: str, number: int) -> CycleRecord:
+    """A good vehicle at the end of the line, now."""
+    received = END + timedelta(minutes=30, seconds=number % 1700)
+    wheels = tuple(
+        WheelRecord(
+            wheel,
+            WheelOutcome.MEASURED,
+            Verdict.OK,
+            received,
+            camber=-0.009,
+            toe=0.0017,
+            camber_u=1.2e-5,
+            toe_u=1.2e-5,
+            coverage_factor=2.0,
+            method="tyre_plane/revolution",
+            calibration_id=calibration_id(station, wheel),
+            camber_low=-0.02,
+            camber_high=0.0,
+            toe_low=0.0,
+            toe_high=0.0035,
+            guard_band=True,
+            points_used=4000,
+            residual_rms_mm=0.02,
+            duration_s=0.2,
+        )
+        for wheel in WHEELS
+    )
+    vin = f"TWNEW{os.getpid():07d}{number:08d}"
+    return CycleRecord(
+        uuid4(), station, number, received, CycleOutcome.OK, "0.1.0", "benchmark",
+        VehicleRecord(vin, TYPES[number % 3]), 1.0, received, 2.0, None, None, wheels,
+    )  # fmt: skip
+
+
+def prepare(url: str, wheel_results: int) -> dict[str, float]:
+    """Build a database with the plant in it; return seconds of each step."""
+    migrate(url)
+    with ResultStore(url) as store:
+        for number, name in enumerate(STATIONS):
+            uses = []
+            for rig, wheel in enumerate(WHEELS):
+                used = calibration_id(name, wheel)
+                store.record_calibration(CalibrationRecord(used, wheel, END - timedelta(days=400), {}))
+                uses.append(InstallationRecord(name, wheel, used, END - timedelta(days=400)))
+                for days in range(CHECKED_DAYS):
+                    # Every day, one rig after the other.
+                    checked = END - timedelta(days=days, hours=26, minutes=-2 * rig)
+                    store.record_check(
+                        CalibrationCheckRecord(
+                            checked, used, CheckKind.MASTER_WHEEL, CheckOutcome.WITHIN, "ok", {"d": 0.0}
+                        )
+                    )
+            plant = PLANTS[number % len(PLANTS)]
+            described = StationRecord(
+                name, plant, name, END - timedelta(days=400), "0.1.0", "benchmark", {"id": name}, WHEELS
+            )
+            store.describe_station(described, (), uses)
+    started = time.monotonic()
+    parts = chunks(wheel_results, SEED)
+    if url.startswith("sqlite"):
+        load_sqlite(url.removeprefix("sqlite:///"), parts)
+    else:
+        load_postgresql(url, parts)
+    loaded = time.monotonic()
+    engine = make_engine(parse_url(url), timeout_s=3600.0)
+    bring_up_to_date(engine)
+    summed = time.monotonic()
+    # The newest results of every station are not in the sums yet, as in a plant.
+    with ResultStore(url) as store:
+        for number, name in enumerate(STATIONS):
+            store.write_cycle(new_cycle(name, number))
+    with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        connection.execute(text("ANALYZE" if url.startswith("sqlite") else "VACUUM ANALYZE"))
+    engine.dispose()
+    return {"load_s": loaded - started, "sums_s": summed - loaded}

@@ -32,14 +32,24 @@ class PostgresServer:
         return f"postgresql://truewheel:{self.password}@127.0.0.1:{self.port}/{database}"
 
     @contextmanager
-    def database(self) -> Iterator[str]:
-        """A new empty database, dropped in the end; yields its URL."""
+    def database(self, template: str | None = None) -> Iterator[str]:
+        """A new empty database, or a copy of one that nobody uses, dropped in the end; yields its URL."""
         name = f"truewheel_{secrets.token_hex(4)}"
-        with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
-            connection.execute(f"CREATE DATABASE {name}".encode())
+        copied = "" if template is None else f" TEMPLATE {template} STRATEGY file_copy"
+        self.execute(f"CREATE DATABASE {name}{copied}")
         yield self.url(name)
+        self.execute(f"DROP DATABASE {name} WITH (FORCE)")
+
+    def execute(self, statement: str) -> None:
+        """Run a statement outside of all databases, such as CREATE DATABASE."""
         with psycopg.connect(self.url("postgres"), autocommit=True) as connection:
-            connection.execute(f"DROP DATABASE {name} WITH (FORCE)".encode())
+            connection.execute(statement.encode())
+
+    def holds(self, database: str) -> bool:
+        """Whether there is a database of this name."""
+        with psycopg.connect(self.url("postgres")) as connection:
+            found = connection.execute("SELECT 1 FROM pg_database WHERE datname = %s", [database])
+            return found.fetchone() is not None
 
     def start(self) -> None:
         """Start it, after `stop`."""
@@ -65,28 +75,35 @@ def binaries() -> Path | None:
 
 
 @contextmanager
-def postgres_server(folder: Path, programs: Path, options: Sequence[str] = ()) -> Iterator[PostgresServer]:
-    """Run a server with its data in an empty folder, which is removed in the end.
+def postgres_server(
+    folder: Path, programs: Path, options: Sequence[str] = (), *, keep: bool = False
+) -> Iterator[PostgresServer]:
+    """Run a server with its data in a folder, which is removed in the end.
 
     Parameters
     ----------
+    folder
+        Empty, or with the data of a server that was kept.
     options
         Of the server, such as ``-F`` (nothing reaches the disk) or ``-c shared_buffers=1GB``.
+    keep
+        Whether the folder stays.
     """
     # The server refuses to run as root; its package comes with a user.
     user = "postgres" if os.geteuid() == 0 else None
     try:
         if user:
             shutil.chown(folder, user)
-        password = secrets.token_hex(8)
         secret = folder / "password"
-        secret.write_text(password)
-        secret.chmod(0o644)
-        subprocess.run(
-            [programs / "initdb", "-D", folder / "data", "-U", "truewheel", "-E", "UTF8", "--locale=C.UTF-8",
-             "-A", "scram-sha-256", f"--pwfile={secret}", "--no-sync"],
-            user=user, cwd=folder, check=True, capture_output=True, timeout=60,
-        )  # fmt: skip
+        if not secret.exists():
+            secret.write_text(secrets.token_hex(8))
+            secret.chmod(0o644)
+            subprocess.run(
+                [programs / "initdb", "-D", folder / "data", "-U", "truewheel", "-E", "UTF8",
+                 "--locale=C.UTF-8", "-A", "scram-sha-256", f"--pwfile={secret}", "--no-sync"],
+                user=user, cwd=folder, check=True, capture_output=True, timeout=60,
+            )  # fmt: skip
+        password = secret.read_text()
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             port = probe.getsockname()[1]
@@ -98,9 +115,10 @@ def postgres_server(folder: Path, programs: Path, options: Sequence[str] = ()) -
             yield server
         finally:
             if (folder / "data" / "postmaster.pid").exists():
-                server.stop()
+                server.stop("fast" if keep else "immediate")
     finally:
-        shutil.rmtree(folder)
+        if not keep:
+            shutil.rmtree(folder)
 
 
 def temporary_folder() -> Path:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from sqlalchemy import (
@@ -16,6 +17,7 @@ from sqlalchemy import (
     Double,
     Integer,
     Select,
+    Table,
     Text,
     and_,
     case,
@@ -87,13 +89,16 @@ def _postgresql_hour(element: Any, compiler: SQLCompiler, **options: Any) -> str
     return f"CAST(floor(extract(epoch FROM {time}) / 3600) AS INTEGER)"
 
 
-def _values_of(quantity: str, selection: Selection, parts: Sequence[str]) -> Select[Any]:
+def _table_of(quantity: str) -> tuple[Table, Any]:
     if quantity in OF_WHEEL:
-        table, part = wheel_results, wheel_results.c.wheel
-    elif quantity in OF_AXLE:
-        table, part = axle_results, axle_results.c.axle
-    else:
-        table, part = vehicle_results, None
+        return wheel_results, wheel_results.c.wheel
+    return (axle_results, axle_results.c.axle) if quantity in OF_AXLE else (vehicle_results, None)
+
+
+@cache
+def _all_values(quantity: str) -> Select[Any]:
+    """Every stored value of a quantity; kept, for making it takes longer than many an answer."""
+    table, part = _table_of(quantity)
     value = table.c[quantity]
     judged = f"{quantity}_low" in table.c
     low = table.c[f"{quantity}_low"] if judged else cast(null(), Double)
@@ -101,7 +106,7 @@ def _values_of(quantity: str, selection: Selection, parts: Sequence[str]) -> Sel
     margin: Any = literal(0.0)
     if judged:
         margin = case((table.c.guard_band, table.c.coverage_factor * table.c[f"{quantity}_u"]), else_=0.0)
-    query = (
+    return (
         select(
             (literal(VEHICLE_PART, Text) if part is None else part).label("part"),
             literal(quantity, Text).label("quantity"),
@@ -123,8 +128,13 @@ def _values_of(quantity: str, selection: Selection, parts: Sequence[str]) -> Sel
         .select_from(cycles)
         .join(table, table.c.cycle_id == cycles.c.id)
         .outerjoin(vehicles, cycles.c.vehicle_id == vehicles.c.id)
-        .where(value.is_not(None), *selection.of_cycles, *selection.of(table.c.cycle_id))
+        .where(value.is_not(None))
     )
+
+
+def _values_of(quantity: str, selection: Selection, parts: Sequence[str]) -> Select[Any]:
+    table, part = _table_of(quantity)
+    query = _all_values(quantity).where(*selection.of_cycles, *selection.of(table.c.cycle_id))
     return query.where(part.in_(parts)) if part is not None and parts else query
 
 
@@ -145,48 +155,54 @@ def raw_values(
     return [_values_of(quantity, selection, parts) for quantity in quantities]
 
 
+@cache
+def _all_outcomes(level: str) -> Select[Any]:
+    """Every stored outcome of a level; kept as `_all_values`."""
+    nothing = cast(null(), Text)
+    measured = literal("measured", Text)
+    shapes: dict[str, tuple[Any, ...]] = {
+        "cycle": (literal("", Text), cast(cycles.c.outcome, Text), nothing, cycles.c.reason_code),
+        "wheel": (
+            wheel_results.c.wheel,
+            cast(wheel_results.c.outcome, Text),
+            cast(wheel_results.c.verdict, Text),
+            wheel_results.c.reason_code,
+        ),
+        "axle": (axle_results.c.axle, measured, cast(axle_results.c.verdict, Text), nothing),
+        "vehicle": (
+            literal(VEHICLE_PART, Text),
+            measured,
+            cast(vehicle_results.c.verdict, Text),
+            nothing,
+        ),
+    }
+    part, outcome, verdict, reason_code = shapes[level]
+    table = _RESULTS_OF.get(level)
+    source = cycles if table is None else cycles.join(table, table.c.cycle_id == cycles.c.id)
+    return select(
+        literal(level, Text).label("level"),
+        part.label("part"),
+        vehicles.c.vehicle_type.label("vehicle_type"),
+        outcome.label("outcome"),
+        verdict.label("verdict"),
+        reason_code.label("reason_code"),
+        cycles.c.station.label("station"),
+        epoch_hour(cycles.c.received_utc).label("start"),
+        literal(1, Integer).label("n"),
+    ).select_from(source.outerjoin(vehicles, cycles.c.vehicle_id == vehicles.c.id))
+
+
+_RESULTS_OF = {"wheel": wheel_results, "axle": axle_results, "vehicle": vehicle_results}
+
+
 def raw_outcomes(
     selection: Selection, levels: Sequence[str] = ("cycle", "wheel", "axle", "vehicle")
 ) -> CompoundSelect[Any]:
     """Every outcome: `CATEGORY`, ``station``, ``start``, ``n`` = 1."""
-    nothing = cast(null(), Text)
-    measured = literal("measured", Text)
-    shapes: dict[str, tuple[Any, tuple[Any, ...]]] = {
-        "cycle": (None, (literal("", Text), cast(cycles.c.outcome, Text), nothing, cycles.c.reason_code)),
-        "wheel": (
-            wheel_results,
-            (
-                wheel_results.c.wheel,
-                cast(wheel_results.c.outcome, Text),
-                cast(wheel_results.c.verdict, Text),
-                wheel_results.c.reason_code,
-            ),
-        ),
-        "axle": (axle_results, (axle_results.c.axle, measured, cast(axle_results.c.verdict, Text), nothing)),
-        "vehicle": (
-            vehicle_results,
-            (literal(VEHICLE_PART, Text), measured, cast(vehicle_results.c.verdict, Text), nothing),
-        ),
-    }
     selects = []
     for level in levels:
-        table, (part, outcome, verdict, reason_code) = shapes[level]
-        source = cycles if table is None else cycles.join(table, table.c.cycle_id == cycles.c.id)
-        selects.append(
-            select(
-                literal(level, Text).label("level"),
-                part.label("part"),
-                vehicles.c.vehicle_type.label("vehicle_type"),
-                outcome.label("outcome"),
-                verdict.label("verdict"),
-                reason_code.label("reason_code"),
-                cycles.c.station.label("station"),
-                epoch_hour(cycles.c.received_utc).label("start"),
-                literal(1, Integer).label("n"),
-            )
-            .select_from(source.outerjoin(vehicles, cycles.c.vehicle_id == vehicles.c.id))
-            .where(*selection.of_cycles, *([] if table is None else selection.of(table.c.cycle_id)))
-        )
+        of_level = selection.of(_RESULTS_OF[level].c.cycle_id) if level in _RESULTS_OF else []
+        selects.append(_all_outcomes(level).where(*selection.of_cycles, *of_level))
     return union_all(*selects)
 
 

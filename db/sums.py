@@ -13,7 +13,6 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, delete, func, literal, select, text, union_all, update
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.exc import OperationalError
 
 from db.partial_sums import (
     CATEGORY,
@@ -44,7 +43,13 @@ _SUM_KEY = ("characteristic_id", "hours", "start", "station_id")
 _COUNT_KEY = ("category_id", "hours", "start", "station_id")
 # One program at a time: an arbitrary number that all Truewheel programs share.
 _SUMS_LOCK = 7_206_155_015
-_LOCK_NOT_AVAILABLE = "55P03"
+# An INSERT holds this lock from before it takes its ids until its transaction ends.
+_WRITING = text(
+    "SELECT virtualtransaction FROM pg_locks WHERE relation = 'cycles'::regclass"
+    " AND database = (SELECT oid FROM pg_database WHERE datname = current_database())"
+    " AND mode = 'RowExclusiveLock' AND granted"
+)
+_LOOK_S, _LONGEST_WAIT_S = 0.005, 0.5
 
 
 def update_sums(engine: Engine, most: int = 20_000) -> int:
@@ -201,28 +206,23 @@ def _last_committed(engine: Engine) -> int:
     with engine.connect() as connection, connection.begin():
         if not connection.execute(select(newest > sums_state.c.last_cycle_id)).scalar_one():
             return 0
-        if connection.dialect.name == "postgresql" and not _alone(connection):
-            return 0
         last: int = connection.execute(select(newest)).scalar_one()
-        return last
+        return last if connection.dialect.name == "sqlite" or _settled(connection) else 0
 
 
-def _alone(connection: Connection) -> bool:
-    """Wait for a moment without writers; false when it does not come soon.
+def _settled(connection: Connection) -> bool:
+    """Wait until every transaction that writes cycles now has ended; false when that takes long.
 
-    Ids are given before the commit. Once no writer holds the table, all below the highest are there. Writers
-    that come meanwhile wait too, so never long; the next call has another chance.
+    Ids are given before the commit, so one of these may still bring an id below the highest. They are waited
+    for and not shut out: nobody who writes notices.
     """
-    if not connection.execute(select(func.pg_try_advisory_xact_lock(_SUMS_LOCK))).scalar_one():
-        return False
-    connection.execute(text("SET LOCAL lock_timeout = '250ms'"))
-    try:
-        with connection.begin_nested():
-            connection.execute(text("LOCK TABLE cycles IN SHARE MODE"))
-    except OperationalError as error:
-        if getattr(error.orig, "sqlstate", None) == _LOCK_NOT_AVAILABLE:
+    writing = set(connection.execute(_WRITING).scalars())
+    until = time.monotonic() + _LONGEST_WAIT_S
+    while writing:
+        if time.monotonic() > until:
             return False
-        raise
+        time.sleep(_LOOK_S)
+        writing &= set(connection.execute(_WRITING).scalars())
     return True
 
 

@@ -3,6 +3,7 @@
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Quantity, Shift
 from db.queries.reader import ResultReader
 from db.queries.series import ValueSeries, cycle_records, value_series
+from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
 from db.queries.studies import gauge_studies, gauge_study
 from db.queries.summed import (
     GroupBy,
@@ -17,12 +18,9 @@ from db.queries.summed import (
 )
 from db.queries.traces import (
     CheckOfStation,
-    SinceCheck,
-    VehicleSince,
     VinHistory,
     checks,
     events,
-    since_last_good_check,
     vin_history,
 )
 
@@ -40,6 +38,7 @@ __all__ = [
     "SinceCheck",
     "ValueSeries",
     "VehicleSince",
+    "VehiclesSince",
     "VinHistory",
     "WheelCounts",
     "YieldCounts",

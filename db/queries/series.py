@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
-from uuid import UUID
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import (
-    BigInteger,
     Connection,
     Double,
     Select,
     Table,
     Text,
     cast,
-    extract,
     null,
     select,
-    type_coerce,
 )
 
 from db.partial_sums import OF_AXLE, OF_WHEEL
+from db.queries.columns import columns_of, objects, plain_time, plain_uuid
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
 from db.queries.reader import ResultReader
 from db.records import StoredCycle
@@ -47,10 +44,9 @@ class ValueSeries:
         When the trigger came, UTC, datetime64[us]; the clock may have been set back in between.
     value, u, low, high
         Radians, float64: value, standard uncertainty, limits; NaN where there is none.
-    verdict, vin, vehicle_type, station, calibration_id
-        Text, dtype object; None where there is none. Only wheels have a calibration of their own.
-    cycle
-        `uuid.UUID`, dtype object.
+    verdict, vin, vehicle_type, station, calibration_id, cycle
+        Text, dtype object; None where there is none. Only wheels have a calibration of their own. `cycle` is
+        text that `uuid.UUID` reads.
     """
 
     characteristic: Characteristic
@@ -78,16 +74,15 @@ def value_series(
 ) -> ValueSeries:
     """All values of a characteristic that a filter leaves, or only the last `newest` of them."""
     with reader.transaction() as connection:
-        local = connection.dialect.name == "sqlite"
         query = _series(connection, characteristic, where)
         if newest is None:
-            rows = connection.execute(query.order_by(cycles.c.id)).all()
+            columns = columns_of(connection, query.order_by(cycles.c.id))
         else:
-            rows = connection.execute(query.order_by(cycles.c.id.desc()).limit(newest)).all()[::-1]
-    columns: list[Any] = list(zip(*rows, strict=True)) if rows else [()] * 11
+            backwards = columns_of(connection, query.order_by(cycles.c.id.desc()).limit(newest))
+            columns = [column[::-1] for column in backwards]
     times, numbers, texts, uuids = columns[0], columns[1:5], columns[5:10], columns[10]
     value, u, low, high = (np.array(column, dtype=np.float64) for column in numbers)
-    verdict, vin, vehicle_type, station, calibration = (_objects(column) for column in texts)
+    verdict, vin, vehicle_type, station, calibration = (objects(column) for column in texts)
     return ValueSeries(
         characteristic,
         np.array(times, dtype="datetime64[us]"),
@@ -100,7 +95,7 @@ def value_series(
         vehicle_type,
         station,
         calibration,
-        _objects([UUID(hex=uuid) for uuid in uuids] if local else uuids),
+        objects(uuids),
     )
 
 
@@ -138,23 +133,16 @@ def _series(connection: Connection, characteristic: Characteristic, where: Filte
         table.c.get(name, nothing)
         for name in (quantity.value, f"{quantity}_u", f"{quantity}_low", f"{quantity}_high")
     ]
-    # As the database has them: thousands of converted times and UUIDs would take longer than the query.
-    if connection.dialect.name == "sqlite":
-        time: Any = type_coerce(cycles.c.received_utc, Text)
-        uuid: Any = type_coerce(cycles.c.uuid, Text)
-    else:
-        time = cast(extract("epoch", cycles.c.received_utc) * 1_000_000, BigInteger)
-        uuid = cycles.c.uuid
     query = (
         select(
-            time,
+            plain_time(connection, cycles.c.received_utc),
             *columns,
             cast(table.c.verdict, Text),
             vehicles.c.vin,
             vehicles.c.vehicle_type,
             cycles.c.station,
             table.c.calibration_id if "calibration_id" in table.c else cast(null(), Text),
-            uuid,
+            plain_uuid(cycles.c.uuid),
         )
         .select_from(cycles)
         .join(table, table.c.cycle_id == cycles.c.id)
@@ -170,9 +158,3 @@ def _series(connection: Connection, characteristic: Characteristic, where: Filte
         # Every station by name, so that the index on station and time is used.
         query = query.where(cycles.c.station.in_(known_stations(connection)))
     return query
-
-
-def _objects(values: Sequence[Any]) -> NDArray[np.object_]:
-    array = np.empty(len(values), dtype=object)
-    array[:] = values
-    return array

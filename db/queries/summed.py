@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Table, Text, and_, cast, or_, select
+from sqlalchemy import ColumnElement, Connection, Table, Text, and_, bindparam, cast, or_, select
 
 from db.partial_sums import (
     CATEGORY,
@@ -175,7 +175,7 @@ def yield_counts(
     """Cycles by outcome; of the filter, the verdict is the cycle's outcome and wheels say nothing."""
     found: dict[tuple[Any, ...], dict[str, int]] = defaultdict(lambda: defaultdict(int))
     with reader.transaction() as connection:
-        for key, row in _outcomes(connection, where, "cycle", by):
+        for key, row in _outcomes(connection, _state(connection), where, "cycle", by):
             found[key][row.outcome] += int(row.n)
     return tuple(
         YieldCounts(_group(by, key), *(counts[outcome] for outcome in CycleOutcome))
@@ -189,7 +189,7 @@ def wheel_counts(
     """Wheels by verdict, or by why they have none."""
     found: dict[tuple[Any, ...], dict[str, int]] = defaultdict(lambda: defaultdict(int))
     with reader.transaction() as connection:
-        for key, row in _outcomes(connection, where, "wheel", by):
+        for key, row in _outcomes(connection, _state(connection), where, "wheel", by):
             measured = row.outcome == WheelOutcome.MEASURED
             found[key][row.verdict if measured else row.outcome] += int(row.n)
     names = (Verdict.OK, Verdict.NOK, Verdict.NONE, WheelOutcome.REFUSED, WheelOutcome.FAULT)
@@ -209,14 +209,15 @@ def reasons(
     found: dict[tuple[Any, ...], int] = defaultdict(int)
     kinds = {CycleOutcome.FAULT: "station_fault", CycleOutcome.ABORTED: "aborted"}
     with reader.transaction() as connection:
+        state = _state(connection)
         if not where.wheels:
-            for key, row in _outcomes(connection, where, "cycle", by):
+            for key, row in _outcomes(connection, state, where, "cycle", by):
                 if row.outcome in kinds:
                     found[key, kinds[CycleOutcome(row.outcome)], row.reason_code, ""] += int(row.n)
-        for key, row in _outcomes(connection, where, "wheel", by):
+        for key, row in _outcomes(connection, state, where, "wheel", by):
             if row.outcome != WheelOutcome.MEASURED:
                 found[key, row.outcome, row.reason_code, row.part] += int(row.n)
-        for (characteristic, _, _, key), sums in _sums(connection, where, (), by).items():
+        for (characteristic, _, _, key), sums in _sums(connection, state, where, (), by).items():
             for side in ("low", "high"):
                 count = int(sum(getattr(row, f"n_{side}") for row in sums))
                 if count:
@@ -236,11 +237,41 @@ def moments(
 ) -> tuple[Moments, ...]:
     """Moments of each characteristic, pair of limits and group; of all characteristics when none is named."""
     with reader.transaction() as connection:
-        found = _sums(connection, where, characteristics, by)
+        found = _sums(connection, _state(connection), where, characteristics, by)
     return tuple(
         Moments(characteristic, low, high, _group(by, key), *_merge(rows))
         for (characteristic, low, high, key), rows in sorted(found.items(), key=lambda item: str(item[0]))
     )
+
+
+@dataclass(frozen=True)
+class _State:
+    """How far the sums are, the same for all parts of a question.
+
+    Attributes
+    ----------
+    last_cycle_id, whole_days_until
+        As in `sums_state`.
+    fresh_hours
+        Hours that have results which are not in the sums yet.
+    stations
+        All names.
+    """
+
+    last_cycle_id: int
+    whole_days_until: int
+    fresh_hours: tuple[int, ...]
+    stations: tuple[str, ...]
+
+
+def _state(connection: Connection) -> _State:
+    last, whole_days_until = connection.execute(_SUMMED).one()
+    fresh = connection.execute(_FRESH_HOURS, {"last": last}).scalars()
+    return _State(last, whole_days_until, tuple(sorted(fresh)), tuple(known_stations(connection)))
+
+
+_SUMMED = select(sums_state.c.last_cycle_id, sums_state.c.whole_days_until)
+_FRESH_HOURS = select(epoch_hour(cycles.c.received_utc)).where(cycles.c.id > bindparam("last")).distinct()
 
 
 @dataclass(frozen=True)
@@ -254,7 +285,7 @@ class _Plan:
     fresh
         Results that belong to these hours and are not in the sums yet.
     fresh_hours
-        Hours that have such results.
+        Those of these hours that have such results.
     others
         Results of which the sums say nothing: of a part of an hour, or of what they do not tell apart.
     """
@@ -265,16 +296,13 @@ class _Plan:
     others: Selection | None
 
 
-def _plan(connection: Connection, where: Filter, table: Table, by: Sequence[GroupBy]) -> _Plan:
+def _plan(state: _State, where: Filter, table: Table, by: Sequence[GroupBy]) -> _Plan:
     if where.needs_raw_results:
         return _Plan(None, None, (), Selection(tuple(about_cycles(where))))
-    state = connection.execute(select(sums_state.c.last_cycle_id, sums_state.c.whole_days_until)).one()
-    hour = epoch_hour(cycles.c.received_utc)
-    after = select(hour).where(cycles.c.id > state.last_cycle_id).distinct()
-    fresh_hours = tuple(sorted(connection.execute(after).scalars()))
     days_until = 0 if GroupBy.HOUR in by else state.whole_days_until
-    if fresh_hours:
-        days_until = min(days_until, fresh_hours[0] // _DAY * _DAY)
+    if state.fresh_hours:
+        days_until = min(days_until, state.fresh_hours[0] // _DAY * _DAY)
+    fresh_hours: set[int] = set()
     spans: list[ColumnElement[bool]] = []
     whole: list[Interval] = []
     edges: list[Interval] = []
@@ -285,6 +313,7 @@ def _plan(connection: Connection, where: Filter, table: Table, by: Sequence[Grou
             edges.append((start, end))
             continue
         whole.append((start and _time(first), end and _time(last)))
+        fresh_hours |= {hour for hour in state.fresh_hours if first <= hour < last}
         if start is not None and start.timestamp() < first * _HOUR_S:
             edges.append((start, _time(first)))
         if end is not None and end.timestamp() > last * _HOUR_S:
@@ -298,11 +327,11 @@ def _plan(connection: Connection, where: Filter, table: Table, by: Sequence[Grou
         spans += [_span(table, 1, *ends) for ends in ((first, day), (last_day, last)) if ends[0] < ends[1]]
     about = about_cycles(replace(where, from_utc=None, until_utc=None, shift=None))
     # The stations by name, so that their index on the time is used.
-    named = () if where.stations or where.plants else (cycles.c.station.in_(known_stations(connection)),)
+    named = () if where.stations or where.plants else (cycles.c.station.in_(state.stations),)
     return _Plan(
         or_(*spans) if spans else None,
-        Selection((*about, within(whole)), after_id=state.last_cycle_id) if whole and fresh_hours else None,
-        fresh_hours,
+        Selection((*about, within(whole)), after_id=state.last_cycle_id) if fresh_hours else None,
+        tuple(sorted(fresh_hours)),
         Selection((*about, within(edges), *named)) if edges else None,
     )
 
@@ -315,14 +344,38 @@ def _time(hour: int) -> datetime:
     return datetime.fromtimestamp(hour * _HOUR_S, UTC)
 
 
+_KEPT_SUMS = (
+    select(
+        *(summed_characteristics.c[name] for name in CHARACTERISTIC),
+        stations.c.name.label("station"),
+        value_sums.c.start,
+        *(value_sums.c[name] for name in SUMS),
+    )
+    .join(summed_characteristics, value_sums.c.characteristic_id == summed_characteristics.c.id)
+    .join(stations, value_sums.c.station_id == stations.c.id)
+)
+_KEPT_COUNTS = (
+    select(
+        *(counted_categories.c[name] for name in CATEGORY),
+        stations.c.name.label("station"),
+        result_counts.c.start,
+        result_counts.c.n,
+    )
+    .join(counted_categories, result_counts.c.category_id == counted_categories.c.id)
+    .join(stations, result_counts.c.station_id == stations.c.id)
+)
 _Sums = dict[tuple[Characteristic, float | None, float | None, tuple[Any, ...]], list[Any]]
 
 
 def _sums(
-    connection: Connection, where: Filter, characteristics: Sequence[Characteristic], by: Sequence[GroupBy]
+    connection: Connection,
+    state: _State,
+    where: Filter,
+    characteristics: Sequence[Characteristic],
+    by: Sequence[GroupBy],
 ) -> _Sums:
     """Sums by characteristic, limits and group, one or several of each."""
-    plan = _plan(connection, where, value_sums, by)
+    plan = _plan(state, where, value_sums, by)
     quantities = sorted({c.quantity for c in characteristics}) or (
         OF_WHEEL if where.wheels else tuple(Quantity)
     )
@@ -342,17 +395,8 @@ def _sums(
             conditions.append(summed_characteristics.c.vehicle_type.in_(where.vehicle_types))
         # By number, so that each leads into the primary key.
         ids = connection.execute(select(summed_characteristics.c.id).where(*conditions)).scalars().all()
-        kept = (
-            select(
-                *(summed_characteristics.c[name] for name in CHARACTERISTIC),
-                stations.c.name.label("station"),
-                value_sums.c.start,
-                *(value_sums.c[name] for name in SUMS),
-            )
-            .join(summed_characteristics, value_sums.c.characteristic_id == summed_characteristics.c.id)
-            .join(stations, value_sums.c.station_id == stations.c.id)
-            .where(plan.spans, value_sums.c.characteristic_id.in_(ids), *at_stations(where, stations.c.name))
-        )
+        of_ids = value_sums.c.characteristic_id.in_(ids)
+        kept = _KEPT_SUMS.where(plan.spans, of_ids, *at_stations(where, stations.c.name))
         in_fresh_hours = (value_sums.c.hours == 1) & value_sums.c.start.in_(plan.fresh_hours)
         collect(kept.where(~in_fresh_hours) if plan.fresh else kept)
         if plan.fresh is not None:
@@ -395,10 +439,10 @@ def _merge(rows: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _outcomes(
-    connection: Connection, where: Filter, level: str, by: Sequence[GroupBy]
+    connection: Connection, state: _State, where: Filter, level: str, by: Sequence[GroupBy]
 ) -> list[tuple[tuple[Any, ...], Any]]:
     """Groups with rows of ``part``, ``outcome``, ``verdict``, ``reason_code``, ``n``, one or more of each."""
-    plan = _plan(connection, where, result_counts, by)
+    plan = _plan(state, where, result_counts, by)
     keys = ("part", "outcome", "verdict", "reason_code")
     of_wheels = where.wheels if level == "wheel" else ()
     rows: list[Any] = []
@@ -409,17 +453,8 @@ def _outcomes(
         if of_wheels:
             conditions.append(counted_categories.c.part.in_(of_wheels))
         ids = connection.execute(select(counted_categories.c.id).where(*conditions)).scalars().all()
-        kept = (
-            select(
-                *(counted_categories.c[name] for name in CATEGORY),
-                stations.c.name.label("station"),
-                result_counts.c.start,
-                result_counts.c.n,
-            )
-            .join(counted_categories, result_counts.c.category_id == counted_categories.c.id)
-            .join(stations, result_counts.c.station_id == stations.c.id)
-            .where(plan.spans, result_counts.c.category_id.in_(ids), *at_stations(where, stations.c.name))
-        )
+        of_ids = result_counts.c.category_id.in_(ids)
+        kept = _KEPT_COUNTS.where(plan.spans, of_ids, *at_stations(where, stations.c.name))
         rows += connection.execute(counted(_labelled(kept, by, (*keys, "n")), (*_labels(by), *keys)))
     for selection in (plan.fresh, plan.others):
         if selection is None:

@@ -1,32 +1,27 @@
-"""What explains results: all of one vehicle, events, checks, and the vehicles since the last good check."""
+"""What explains results: all of one vehicle, events, checks."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Connection, false, func, or_, select
+from sqlalchemy import ColumnElement, Connection, false, or_, select
 
 from db.quality_records import ArchivedShotRecord, ArchiveRemoval, StationRecord, StoredShot
 from db.queries.filters import (
     EVERYTHING,
     Filter,
-    about_cycles,
     at_stations,
-    known_stations,
     stations_of,
     within,
 )
 from db.queries.reader import ResultReader
+from db.queries.since_check import stations_using
 from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
-    CheckKind,
-    CheckOutcome,
-    CycleOutcome,
     EventRecord,
     StoredCycle,
     StoredZero,
@@ -48,20 +43,15 @@ from db.schema import (
     calibration_checks,
     calibrations,
     cycles,
-    installations,
-    rigs,
     station_versions,
     stations,
     vehicles,
-    wheel_results,
     zero_measurements,
 )
 from db.schema import events as event_rows
 
 # Events this long before a trigger and after the last image may explain a cycle.
 _AROUND = timedelta(minutes=15)
-# A clock that was set back is looked through as far as this.
-_SET_BACK = timedelta(hours=2)
 
 
 @dataclass(frozen=True)
@@ -99,35 +89,6 @@ class CheckOfStation:
     station: str | None
     rig: str
     check: CalibrationCheckRecord
-
-
-@dataclass(frozen=True)
-class VehicleSince:
-    """A vehicle measured since a check."""
-
-    vin: str
-    vehicle_type: str
-    received_utc: datetime
-    outcome: CycleOutcome
-    cycle: UUID
-
-
-@dataclass(frozen=True)
-class SinceCheck:
-    """What rests on the wheels of a station whose last good master check was at the same time.
-
-    Attributes
-    ----------
-    last_good_utc
-        Of the last check with a master wheel that was within tolerance; None when there was none.
-    vehicles
-        Measured since by one of these wheels, in the order of storing; all of them without a good check.
-    """
-
-    station: str
-    wheels: tuple[str, ...]
-    last_good_utc: datetime | None
-    vehicles: tuple[VehicleSince, ...]
 
 
 def vin_history(reader: ResultReader, vin: str) -> VinHistory:
@@ -185,33 +146,6 @@ def checks(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[CheckOfSta
         )
 
 
-def since_last_good_check(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[SinceCheck, ...]:
-    """For each station and wheel the last master check within tolerance, and the vehicles measured since.
-
-    The filter chooses stations, plants, wheels and vehicle types; its period bounds the vehicles, not the
-    checks. A vehicle that was stored after others of a later time counts as measured after them: then the
-    clock was set back.
-    """
-    with reader.transaction() as connection:
-        good: dict[tuple[str, str], datetime] = {}
-        passed = [
-            calibration_checks.c.kind == CheckKind.MASTER_WHEEL,
-            calibration_checks.c.outcome == CheckOutcome.WITHIN,
-        ]
-        for found in _checks(connection, passed):
-            if found.station is not None:
-                good[found.station, found.rig] = found.check.utc
-        groups: dict[tuple[str, datetime | None], list[str]] = defaultdict(list)
-        for station, wheel in _wheels(connection, where):
-            groups[station, good.get((station, wheel))].append(wheel)
-        return tuple(
-            SinceCheck(
-                station, tuple(wheels), last, _vehicles_since(connection, where, station, wheels, last)
-            )
-            for (station, last), wheels in sorted(groups.items(), key=str)
-        )
-
-
 def _checks(connection: Connection, conditions: Sequence[ColumnElement[bool]]) -> list[CheckOfStation]:
     query = (
         select(calibration_checks, calibrations.c.rig.label("of_rig"))
@@ -220,28 +154,11 @@ def _checks(connection: Connection, conditions: Sequence[ColumnElement[bool]]) -
         .order_by(calibration_checks.c.utc, calibration_checks.c.id)
     )
     rows = connection.execute(query).mappings().all()
-    used: dict[str, set[str]] = defaultdict(set)
-    for calibration_id, station in connection.execute(
-        select(installations.c.calibration_id, stations.c.name)
-        .join(rigs, installations.c.rig_id == rigs.c.id)
-        .join(stations, rigs.c.station_id == stations.c.id)
-        .distinct()
-    ):
-        used[calibration_id].add(station)
+    used = stations_using(connection, sorted({row["calibration_id"] for row in rows}))
     found = []
     for row in rows:
-        calibration_id = row["calibration_id"]
-        if calibration_id not in used:
-            # Stored before stations told what they use: whoever measured with it.
-            first = (
-                select(cycles.c.station)
-                .join(wheel_results, wheel_results.c.cycle_id == cycles.c.id)
-                .where(wheel_results.c.calibration_id == calibration_id)
-                .limit(1)
-            )
-            used[calibration_id] = set(connection.execute(first).scalars())
         check = record_of(CalibrationCheckRecord, row)
-        names: list[str | None] = [*sorted(used[calibration_id])]
+        names: list[str | None] = [*sorted(used[row["calibration_id"]])]
         found += [CheckOfStation(name, row["of_rig"], check) for name in names or [None]]
     return found
 
@@ -254,49 +171,6 @@ def _wanted(connection: Connection, where: Filter, found: CheckOfStation) -> boo
     if not where.plants:
         return True
     return found.station in {*map(str, connection.execute(stations_of(where.plants)).scalars())}
-
-
-def _wheels(connection: Connection, where: Filter) -> list[tuple[str, str]]:
-    """Stations and their wheels: as they registered, or as the newest cycles of each show."""
-    registered = select(stations.c.name, rigs.c.name).join(rigs, rigs.c.station_id == stations.c.id)
-    found = {
-        (row[0], row[1]) for row in connection.execute(registered.where(*at_stations(where, stations.c.name)))
-    }
-    for station in known_stations(connection):
-        if station in {name for name, _ in found}:
-            continue
-        newest = select(cycles.c.id).where(cycles.c.station == station, *at_stations(where, cycles.c.station))
-        newest = newest.order_by(cycles.c.received_utc.desc()).limit(20)
-        names = select(wheel_results.c.wheel).where(wheel_results.c.cycle_id.in_(newest)).distinct()
-        found |= {(station, name) for name in connection.execute(names).scalars()}
-    return sorted(pair for pair in found if not where.wheels or pair[1] in where.wheels)
-
-
-def _vehicles_since(
-    connection: Connection, where: Filter, station: str, wheels: Sequence[str], last: datetime | None
-) -> tuple[VehicleSince, ...]:
-    conditions = [*about_cycles(where), cycles.c.station == station]
-    if last is not None:
-        first = select(func.min(cycles.c.id)).where(
-            cycles.c.station == station,
-            cycles.c.received_utc > last,
-            cycles.c.received_utc < last + _SET_BACK,
-        )
-        conditions += [
-            cycles.c.received_utc > last - _SET_BACK,
-            or_(cycles.c.received_utc > last, cycles.c.id > first.scalar_subquery()),
-        ]
-    of_wheels = (wheel_results.c.cycle_id == cycles.c.id) & wheel_results.c.wheel.in_(wheels)
-    query = (
-        select(
-            vehicles.c.vin, vehicles.c.vehicle_type, cycles.c.received_utc, cycles.c.outcome, cycles.c.uuid
-        )
-        .select_from(cycles)
-        .join(vehicles, cycles.c.vehicle_id == vehicles.c.id)
-        .where(*conditions, select(wheel_results.c.cycle_id).where(of_wheels).exists())
-        .order_by(cycles.c.id)
-    )
-    return tuple(VehicleSince(*row) for row in connection.execute(query))
 
 
 def _configurations(connection: Connection, found: Sequence[StoredCycle]) -> tuple[StationRecord, ...]:

@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, time, timedelta
+from uuid import UUID
 
 import numpy as np
 import pytest
@@ -212,7 +213,7 @@ def test_a_series_holds_every_value_with_what_explains_it(reader: ResultReader, 
     assert found.time.astype("datetime64[us]").tolist() == [
         record.received_utc.replace(tzinfo=None) for record, _ in expected
     ]
-    assert found.cycle.tolist() == [record.uuid for record, _ in expected]
+    assert [UUID(text) for text in found.cycle] == [record.uuid for record, _ in expected]
     assert found.vin.tolist() == [record.vehicle.vin for record, _ in expected]
     assert found.high.tolist() == [wheel.toe_high for _, wheel in expected]
     assert found.verdict.tolist() == [wheel.verdict.value for _, wheel in expected]
