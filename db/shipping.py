@@ -25,7 +25,7 @@ from db.failures import store_errors
 from db.migrate import check_revision, require_file
 from db.rows import load_records
 from db.schema import arrivals, outbox, shipments, station_leases
-from db.writing import write_cycles, write_record
+from db.writing import insert_rows, write_cycles, write_record
 
 _PORTION = 200
 
@@ -220,7 +220,7 @@ class Shipper:
         if entries:
             common = {"origin": origin, "station": self._station, "arrived_utc": now}
             rows = [{"sequence": e.sequence, "kind": e.kind, "key": e.key} | common for e in entries]
-            central.execute(arrivals.insert(), rows)
+            insert_rows(central, arrivals, rows)
         return done, len(entries)
 
     def _load(self, connection: Connection, entries: Sequence[Row[Any]]) -> list[Any]:
