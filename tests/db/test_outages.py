@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import random
-import shutil
-import signal
+import json
 import sqlite3
 import subprocess
 import sys
@@ -17,6 +14,8 @@ import pytest
 from sqlalchemy import select
 
 from alignment.errors import StoreUnavailableError
+from benchmarks.database_plant import new_cycle
+from benchmarks.outages import STATION, judge, prepare
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
 from db.background import BackgroundWork
 from db.check import check_database
@@ -28,8 +27,6 @@ from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, cycle
 
 ROOT = Path(__file__).parents[2]
-# More of them on request: `TRUEWHEEL_KILLS=1000 python -m pytest tests/db -k "killed or power"`.
-KILLS = int(os.environ.get("TRUEWHEEL_KILLS", "12"))
 
 
 @pytest.fixture
@@ -98,61 +95,36 @@ def test_a_server_that_crashes_and_comes_back_while_cycles_go_on(
         assert [event.code for event in store.recent_events(9)] == ["central_back", "central_away"]
 
 
-def test_shippers_killed_in_the_middle_lose_and_double_nothing(
-    database_url: str, local_url: str, open_store: Callable[..., ResultStore]
-) -> None:
-    migrate(database_url)
+@pytest.mark.parametrize("engine", ["sqlite", "postgresql"])
+def test_programs_killed_and_power_lost_at_any_moment_lose_and_double_nothing(engine: str) -> None:
+    """Long: ``python -m benchmarks.outages``. A program of its own, because it forks."""
+    if engine == "postgresql" and binaries() is None:
+        pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
     done = subprocess.run(
-        [sys.executable, "-m", "tests.db.kill_shipper", local_url, database_url, str(KILLS), "1"],
-        cwd=ROOT, check=True, capture_output=True, text=True, timeout=60 + 10 * KILLS,
+        [sys.executable, "-m", "benchmarks.outages", "--rounds", "12", "--engine", engine, "--json"],
+        cwd=ROOT, check=False, capture_output=True, text=True, timeout=240,
     )  # fmt: skip
-    with Shipper(local_url, database_url, "EOL-1", lease_s=0.0) as shipper:
-        while shipper.ship().pending:
-            pass
-    assert order(database_url) == done.stdout.split()
-    assert check_database(local_url).findings == ()
-    if not database_url.startswith("sqlite"):
-        assert check_database(database_url).findings == ()
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout)
+    assert found["good"]
+    for bad_moment in ("writers killed", {"sqlite": "power lost", "postgresql": "shippers killed"}[engine]):
+        assert found["figures"][f"{engine} {bad_moment} rounds"] == 12
+        assert found["figures"][f"{engine} {bad_moment} acknowledged"] >= 12
 
 
-def test_power_that_goes_in_the_middle_of_writing_loses_nothing_acknowledged(
-    tmp_path: Path, local_url: str
-) -> None:
-    """The files as a disk would hold them at a moment, with the torn end of a write behind them."""
-    moments = random.Random(1)
-    path = Path(local_url.removeprefix("sqlite:///"))
-    writer = subprocess.Popen(
-        [sys.executable, "-c",
-         "import sys; from tests.db.example_records import cycle; from db.store import ResultStore\n"
-         "store = ResultStore(sys.argv[1]); store.open()\n"
-         "while True:\n"
-         "    record = cycle(); store.write_cycle(record); print(record.uuid.hex, flush=True)\n",
-         local_url],
-        cwd=ROOT, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert writer.stdout is not None
-    acknowledged: list[str] = []
-    try:
-        for number in range(KILLS):
-            for _ in range(moments.randint(1, 8)):
-                acknowledged.append(writer.stdout.readline().strip())
-            os.kill(writer.pid, signal.SIGSTOP)
-            os.waitpid(writer.pid, os.WUNTRACED)
-            copy = tmp_path / f"copy-{number}.db"
-            shutil.copy(path, copy)
-            with Path(f"{copy}-wal").open("wb") as wal:
-                wal.write(path.with_name(f"{path.name}-wal").read_bytes())
-                wal.write(moments.randbytes(moments.randint(0, 9000)))
-            os.kill(writer.pid, signal.SIGCONT)
-            found = order(f"sqlite:///{copy}")
-            # What had returned is there, in order; at most what was under way comes after it.
-            assert found[: len(acknowledged)] == acknowledged
-            with sqlite3.connect(copy) as connection:
-                assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-                wheels = connection.execute("SELECT count(*) FROM wheel_results").fetchone()[0]
-            connection.close()
-            assert wheels == 4 * len(found)
-    finally:
-        writer.kill()
-        writer.stdout.close()
-        writer.wait()
+def test_what_is_lost_doubled_or_out_of_order_is_told(tmp_path: Path) -> None:
+    """The judge of the test above: nobody would notice if it found everything good."""
+    url = prepare(f"sqlite:///{tmp_path / 'results.db'}")
+    records = [new_cycle(STATION, number) for number in range(4)]
+    with ResultStore(url) as store:
+        for record in records:
+            store.write_cycle(record)
+    uuids = [record.uuid.hex for record in records]
+    assert judge("writers killed", 1, uuids[:3], url).good
+    assert judge("writers killed", 1, [*uuids, cycle().uuid.hex], url).lost == 1
+    assert judge("writers killed", 1, [uuids[0], uuids[2], uuids[1], uuids[3]], url).disordered == 2
+    with sqlite3.connect(tmp_path / "results.db") as connection:
+        connection.execute("DROP TRIGGER wheel_results_no_delete")
+        connection.execute("DELETE FROM wheel_results WHERE cycle_id = 2 AND wheel = 'front_left'")
+    connection.close()
+    assert judge("writers killed", 1, uuids, url).damaged > 0

@@ -6,8 +6,6 @@ import os
 import resource
 import shutil
 import sqlite3
-import subprocess
-import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
@@ -26,37 +24,9 @@ from db.migrate import migrate
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, cycle, wheel
 
-# More of them on request: `TRUEWHEEL_KILLS=1000 python -m pytest tests/db -k killed`.
-KILLS = int(os.environ.get("TRUEWHEEL_KILLS", "30"))
-
 
 def sqlite_path(url: str) -> Path:
     return Path(url.removeprefix("sqlite:///"))
-
-
-def test_killed_in_the_middle_of_commits_nothing_acknowledged_is_lost(
-    database_url: str, open_store: Callable[..., ResultStore]
-) -> None:
-    open_store(database_url).record_calibration(CALIBRATION)
-    root = Path(__file__).parents[2]
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.db.kill_writer", database_url, str(KILLS), "1"],
-        cwd=root, check=True, capture_output=True, text=True, timeout=60 + 4 * KILLS,
-    )  # fmt: skip
-    acknowledged = [UUID(line) for line in done.stdout.split()]
-    assert len(acknowledged) >= KILLS
-    store = open_store(database_url)
-    stored = store.recent_cycles(1_000_000)
-    found = {item.record.uuid for item in stored}
-    assert len(found) == len(stored) == store.counts()["cycles"]
-    assert set(acknowledged) <= found
-    # Each kill may leave one more that was committed and not acknowledged, and no half one.
-    assert len(found) <= len(acknowledged) + KILLS
-    assert all(len(item.record.wheels) == 4 and len(item.record.axles) == 2 for item in stored)
-    if database_url.startswith("sqlite"):
-        with sqlite3.connect(sqlite_path(database_url)) as connection:
-            assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        connection.close()
 
 
 def test_a_record_that_contradicts_itself_is_refused_whole(
