@@ -52,32 +52,32 @@ def is_no_partition(name: str | None, kind: str, _: object) -> bool:
     return kind != "table" or not (name or "").startswith("wheel_results_")
 
 
-def test_migrations_build_exactly_the_schema_of_the_program(database_url: str) -> None:
-    migrate(database_url)
-    engine: Engine = make_engine(parse_url(database_url), timeout_s=5.0)
+def test_migrations_build_exactly_the_schema_of_the_program(empty_database_url: str) -> None:
+    migrate(empty_database_url)
+    engine: Engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     with engine.connect() as connection:
         context = MigrationContext.configure(
             connection, opts={"target_metadata": metadata, "include_name": is_no_partition}
         )
         assert compare_metadata(context, metadata) == []
         migrated = described(connection)
-    run(database_url, *(f"DROP TABLE {table.name}" for table in reversed(metadata.sorted_tables)))
+    run(empty_database_url, *(f"DROP TABLE {table.name}" for table in reversed(metadata.sorted_tables)))
     with engine.begin() as connection:
         metadata.create_all(connection)
         assert described(connection) == migrated
     engine.dispose()
 
 
-def test_an_empty_database_is_built_only_when_asked(database_url: str) -> None:
-    run(database_url)
-    assert current_revision(database_url) is None
+def test_an_empty_database_is_built_only_when_asked(empty_database_url: str) -> None:
+    run(empty_database_url)
+    assert current_revision(empty_database_url) is None
     with pytest.raises(StoreSchemaError, match=r"is empty\. Run `truewheel db migrate --database"):
-        ResultStore(database_url).open()
-    assert current_revision(database_url) is None
-    with ResultStore(database_url, create=True) as store:
+        ResultStore(empty_database_url).open()
+    assert current_revision(empty_database_url) is None
+    with ResultStore(empty_database_url, create=True) as store:
         assert store.counts()["cycles"] == 0
-    assert current_revision(database_url) == head_revision()
-    with ResultStore(database_url):
+    assert current_revision(empty_database_url) == head_revision()
+    with ResultStore(empty_database_url):
         pass
 
 
@@ -92,26 +92,26 @@ def test_a_missing_file_is_not_made_by_mistake(tmp_path: Path) -> None:
 
 
 def test_migrating_twice_changes_nothing_and_keeps_the_data(
-    database_url: str, open_store: Callable[..., ResultStore]
+    empty_database_url: str, open_store: Callable[..., ResultStore]
 ) -> None:
-    assert migrate(database_url) == head_revision()
-    store = open_store(database_url, create=False)
+    assert migrate(empty_database_url) == head_revision()
+    store = open_store(empty_database_url, create=False)
     store.record_calibration(CALIBRATION)
     record = cycle()
     store.write_cycle(record)
-    assert migrate(database_url) == head_revision()
+    assert migrate(empty_database_url) == head_revision()
     stored = store.cycle(record.uuid)
     assert stored is not None
     assert stored.record == record
 
 
-def test_a_newer_database_is_refused_by_store_and_migration(database_url: str) -> None:
-    migrate(database_url)
-    run(database_url, "UPDATE alembic_version SET version_num = '9999'")
+def test_a_newer_database_is_refused_by_store_and_migration(empty_database_url: str) -> None:
+    migrate(empty_database_url)
+    run(empty_database_url, "UPDATE alembic_version SET version_num = '9999'")
     for action in (
-        lambda: ResultStore(database_url).open(),
-        lambda: ResultStore(database_url, create=True).open(),
-        lambda: migrate(database_url),
+        lambda: ResultStore(empty_database_url).open(),
+        lambda: ResultStore(empty_database_url, create=True).open(),
+        lambda: migrate(empty_database_url),
     ):
         with pytest.raises(StoreSchemaError) as caught:
             action()
@@ -120,31 +120,33 @@ def test_a_newer_database_is_refused_by_store_and_migration(database_url: str) -
 
 
 def test_an_older_database_is_refused_with_the_command_that_cures_it(
-    database_url: str, monkeypatch: pytest.MonkeyPatch
+    empty_database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    migrate(database_url)
+    migrate(empty_database_url)
     current = head_revision()
     monkeypatch.setattr(db.migrate, "_revisions", lambda: [current, "9999"])
     with pytest.raises(StoreSchemaError) as caught:
-        ResultStore(database_url).open()
+        ResultStore(empty_database_url).open()
     assert f"has revision {current}, older than revision 9999" in str(caught.value)
     assert "Run `truewheel db migrate --database" in str(caught.value)
 
 
-def test_a_downgrade_is_refused_with_the_reason(database_url: str) -> None:
-    migrate(database_url)
+def test_a_downgrade_is_refused_with_the_reason(empty_database_url: str) -> None:
+    migrate(empty_database_url)
     with pytest.raises(StoreSchemaError, match=r"would drop stored results\. Restore the backup"):
-        migrate(database_url, "0001")
-    assert current_revision(database_url) == head_revision()
+        migrate(empty_database_url, "0001")
+    assert current_revision(empty_database_url) == head_revision()
 
 
 def test_a_database_of_the_first_revision_keeps_its_rows_when_migrated(
-    database_url: str, open_store: Callable[..., ResultStore]
+    empty_database_url: str, open_store: Callable[..., ResultStore]
 ) -> None:
-    migrate(database_url, "0001")
-    run(database_url, "INSERT INTO vehicles (vin, vehicle_type) VALUES ('TRUEWHEEL00000001', 'compact')")
-    assert migrate(database_url) == head_revision()
-    assert open_store(database_url, create=False).counts()["vehicles"] == 1
+    migrate(empty_database_url, "0001")
+    run(
+        empty_database_url, "INSERT INTO vehicles (vin, vehicle_type) VALUES ('TRUEWHEEL00000001', 'compact')"
+    )
+    assert migrate(empty_database_url) == head_revision()
+    assert open_store(empty_database_url, create=False).counts()["vehicles"] == 1
 
 
 def test_an_unknown_target_is_refused(sqlite_url: str) -> None:
@@ -152,25 +154,25 @@ def test_an_unknown_target_is_refused(sqlite_url: str) -> None:
         migrate(sqlite_url, "latest")
 
 
-def test_somebody_elses_database_is_left_alone(database_url: str) -> None:
-    run(database_url, "CREATE TABLE invoices (id INTEGER)")
+def test_somebody_elses_database_is_left_alone(empty_database_url: str) -> None:
+    run(empty_database_url, "CREATE TABLE invoices (id INTEGER)")
     for action in (
-        lambda: migrate(database_url),
-        lambda: ResultStore(database_url, create=True).open(),
-        lambda: current_revision(database_url),
+        lambda: migrate(empty_database_url),
+        lambda: ResultStore(empty_database_url, create=True).open(),
+        lambda: current_revision(empty_database_url),
     ):
         with pytest.raises(StoreSchemaError, match="found the tables invoices without a schema revision"):
             action()
-    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     with engine.connect() as connection:
         assert inspect(connection).get_table_names() == ["invoices"]
     engine.dispose()
 
 
 def test_a_migration_that_fails_leaves_the_database_as_it_was(
-    database_url: str, monkeypatch: pytest.MonkeyPatch
+    empty_database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(database_url)
+    run(empty_database_url)
 
     def fail(*_: object) -> None:
         raise KeyboardInterrupt
@@ -178,10 +180,10 @@ def test_a_migration_that_fails_leaves_the_database_as_it_was(
     upgrade = db.migrate.command.upgrade
     monkeypatch.setattr(db.migrate.command, "upgrade", lambda *given: (upgrade(*given), fail()))
     with pytest.raises(KeyboardInterrupt):
-        migrate(database_url)
+        migrate(empty_database_url)
     monkeypatch.undo()
-    assert current_revision(database_url) is None
-    assert migrate(database_url) == head_revision()
+    assert current_revision(empty_database_url) is None
+    assert migrate(empty_database_url) == head_revision()
 
 
 def test_sqlite_writes_ahead_with_full_sync_and_foreign_keys(sqlite_url: str) -> None:

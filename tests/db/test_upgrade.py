@@ -100,12 +100,12 @@ def fill(url: str, revision: str) -> None:
 
 
 @pytest.mark.parametrize("revision", EARLIER)
-def test_every_earlier_revision_keeps_its_results(database_url: str, revision: str) -> None:
-    migrate(database_url, revision)
-    fill(database_url, revision)
-    assert current_revision(database_url) == revision
-    assert migrate(database_url) == head_revision()
-    with ResultStore(database_url) as store:
+def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revision: str) -> None:
+    migrate(empty_database_url, revision)
+    fill(empty_database_url, revision)
+    assert current_revision(empty_database_url) == revision
+    assert migrate(empty_database_url) == head_revision()
+    with ResultStore(empty_database_url) as store:
         assert [stored.record for stored in store.recent_cycles(20)] == RECORDS[::-1]
         assert store.calibration(CALIBRATION.id) == CALIBRATION
         assert store.recent_events(5) == (EVENT,)
@@ -114,11 +114,11 @@ def test_every_earlier_revision_keeps_its_results(database_url: str, revision: s
         assert store.counts()["gauge_values"] == (revision >= "0004")
         # It goes on where it was.
         store.write_cycle(cycle())
-    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     assert bring_up_to_date(engine) == len(RECORDS) + 1
     engine.dispose()
     with pytest.raises(StoreSchemaError, match="would drop stored results"):
-        migrate(database_url, revision)
+        migrate(empty_database_url, revision)
 
 
 @pytest.mark.parametrize("revision", [revision for revision in EARLIER if revision < "0005"])

@@ -62,11 +62,11 @@ def test_what_does_not_fit_is_refused(store: ResultStore) -> None:
 
 
 def test_a_database_of_the_first_revision_keeps_its_results_and_takes_zero_measurements(
-    database_url: str, open_store: Callable[..., ResultStore]
+    empty_database_url: str, open_store: Callable[..., ResultStore]
 ) -> None:
-    migrate(database_url, "0001")
+    migrate(empty_database_url, "0001")
     record = cycle(axles=(), vehicle_angles=None)
-    engine = make_engine(parse_url(database_url), timeout_s=5.0)
+    engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     with engine.begin() as connection:
         assert record.vehicle is not None
         connection.execute(vehicles.insert().values(id=1, **flat_values(record.vehicle)))
@@ -76,9 +76,9 @@ def test_a_database_of_the_first_revision_keeps_its_results_and_takes_zero_measu
             connection.execute(wheel_results.insert().values(cycle_id=1, **flat_values(wheel)))
     engine.dispose()
 
-    migrate(database_url)
-    assert current_revision(database_url) == head_revision()
-    store = open_store(database_url, create=False)
+    migrate(empty_database_url)
+    assert current_revision(empty_database_url) == head_revision()
+    store = open_store(empty_database_url, create=False)
     stored = store.cycle(record.uuid)
     assert stored is not None
     assert stored.record == record
