@@ -45,16 +45,30 @@ class Kept:
     bytes: int
 
 
+@dataclass(frozen=True)
+class Leaving:
+    """Images that the policy no longer keeps, and why."""
+
+    record: ArchivedShotRecord
+    reason: str
+
+
 def kept(store: ResultStore) -> Kept:
     """How many images the archive holds, as the database knows."""
     with store.reading() as connection:
         return _kept(connection)
 
 
+def leaving(store: ResultStore, policy: Policy, now: datetime, most: int = _MOST) -> tuple[Leaving, ...]:
+    """What the policy no longer keeps, at most so many of each class; changes nothing."""
+    with store.reading() as connection:
+        return _leaving(connection, policy, now, most)
+
+
 def enforce(
     store: ResultStore, folder: Path, policy: Policy, now: datetime
 ) -> tuple[ArchivedShotRecord, ...]:
-    """Remove what the policy no longer keeps; return it.
+    """Remove what the policy no longer keeps, at most some hundreds in one call; return it.
 
     The removal is recorded before the files go: a record never promises images that are not there. Files that
     cannot be deleted are tried again at the next call, as their size still counts on the disk.
@@ -65,13 +79,14 @@ def enforce(
         When the removal cannot be recorded; then nothing is deleted.
     """
     with store.reading() as connection:
-        leaving = _leaving(connection, policy, now)
+        gone = _leaving(connection, policy, now, _MOST)
         late = _removed(connection)
-    for record, reason in leaving:
-        store.remove_shot(ArchiveRemoval(record.uuid, now, reason))
-    for record in (*late, *(record for record, _ in leaving)):
+    for one in gone:
+        store.remove_shot(ArchiveRemoval(one.record.uuid, now, one.reason))
+    records = tuple(one.record for one in gone)
+    for record in (*late, *records):
         _delete(folder, record)
-    return tuple(record for record, _ in leaving)
+    return records
 
 
 def _kept(connection: Connection) -> Kept:
@@ -86,8 +101,8 @@ def _is_kept() -> ColumnElement[bool]:
     )
 
 
-def _leaving(connection: Connection, policy: Policy, now: datetime) -> list[tuple[ArchivedShotRecord, str]]:
-    found: dict[object, tuple[ArchivedShotRecord, str]] = {}
+def _leaving(connection: Connection, policy: Policy, now: datetime, most: int) -> tuple[Leaving, ...]:
+    found: list[Leaving] = []
     excess = _kept(connection).bytes - policy.most_bytes
     for retention, days in (
         (RetentionClass.ORDINARY, policy.ordinary_days),
@@ -96,9 +111,10 @@ def _leaving(connection: Connection, policy: Policy, now: datetime) -> list[tupl
         oldest = (
             SHOTS.where(_is_kept(), archived_shots.c.retention == retention)
             .order_by(archived_shots.c.archived_utc, archived_shots.c.id)
-            .limit(_MOST)
+            .limit(most)
         )
-        for row in connection.execute(oldest).mappings():
+        rows = connection.execute(oldest).mappings().all()
+        for row in rows:
             record = record_of(ArchivedShotRecord, row)
             if record.archived_utc < now - timedelta(days=days):
                 reason = f"older than {days:g} days"
@@ -106,9 +122,12 @@ def _leaving(connection: Connection, policy: Policy, now: datetime) -> list[tupl
                 reason = f"the archive holds more than {policy.most_bytes / 1e9:g} GB"
             else:
                 break
-            found[record.uuid] = (record, reason)
+            found.append(Leaving(record, reason))
             excess -= record.bytes
-    return list(found.values())
+        if len(rows) == most:
+            # More of this class may be left; until none is, the next one gives no room.
+            excess = 0
+    return tuple(found)
 
 
 def _removed(connection: Connection) -> list[ArchivedShotRecord]:

@@ -16,7 +16,7 @@ from db.retention import Policy
 from db.shipping import Shipper
 from db.store import ResultStore
 from station.archive import ImageArchive
-from station.config import Configuration
+from station.config import ArchiveSettings, Configuration
 from station.vehicle_types import Tolerance, VehicleType
 from station.wheels import WheelPosition
 
@@ -93,12 +93,17 @@ def open_archive(configuration: Configuration, store: StationStore) -> ImageArch
     settings = configuration.settings.archive
     if settings is None:
         return None
-    policy = Policy(int(1e9 * settings.most_gb), settings.ordinary_days, settings.evidence_days)
 
     def note(text: str) -> None:
         store.background.note(Severity.WARNING, "images_not_archived", text)
 
-    return ImageArchive(store.results, configuration.path(settings.folder), policy, settings.keep, note)
+    folder = configuration.path(settings.folder)
+    return ImageArchive(store.results, folder, archive_policy(settings), settings.keep, note)
+
+
+def archive_policy(settings: ArchiveSettings) -> Policy:
+    """What the configuration keeps of the images."""
+    return Policy(int(1e9 * settings.most_gb), settings.ordinary_days, settings.evidence_days)
 
 
 def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:

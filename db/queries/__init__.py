@@ -21,6 +21,7 @@ from db.queries.traces import (
     VinHistory,
     checks,
     events,
+    station_names,
     vin_history,
 )
 
@@ -50,6 +51,7 @@ __all__ = [
     "moments",
     "reasons",
     "since_last_good_check",
+    "station_names",
     "value_series",
     "vin_history",
     "wheel_counts",

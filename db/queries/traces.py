@@ -14,6 +14,7 @@ from db.queries.filters import (
     EVERYTHING,
     Filter,
     at_stations,
+    known_stations,
     stations_of,
     within,
 )
@@ -119,6 +120,12 @@ def vin_history(reader: ResultReader, vin: str) -> VinHistory:
             _events_around(connection, found),
             _shots(connection, uuids),
         )
+
+
+def station_names(reader: ResultReader) -> tuple[str, ...]:
+    """Every station that registered or has results."""
+    with reader.transaction() as connection:
+        return tuple(known_stations(connection))
 
 
 def events(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
 
 db_app = typer.Typer(no_args_is_help=True, help="The result database.")
 
@@ -132,3 +132,117 @@ def sums(
         print_json({"figures": {"cycles_added": added}})
     else:
         typer.echo(f"added {added:,} cycles to the sums")
+
+
+@db_app.command()
+def retention(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            help="Station's configuration whose [archive] counts.",
+            show_default="configs/station.toml",
+        ),
+    ] = None,
+    apply: Annotated[
+        bool, typer.Option("--apply", help="Remove it now; a station that runs does so by itself.")
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Say which archived images the configuration keeps no longer, and why; results stay in any case."""
+    from datetime import UTC, datetime
+
+    from alignment.errors import InputError
+    from db.lock import station_lock
+    from db.retention import enforce, kept, leaving
+    from db.store import ResultStore
+    from station.config import read_configuration
+    from station.storing import archive_policy
+
+    configuration = read_configuration(default_config(config))
+    archive = configuration.settings.archive
+    if archive is None:
+        raise InputError(
+            file=config, field="archive", expected="[archive] with folder and policy", seen="none",
+            cure="No images are kept without",
+        )  # fmt: skip
+    policy, now = archive_policy(archive), datetime.now(UTC)
+    removed = 0
+    with ResultStore(configuration.database_url) as store:
+        before, going = kept(store), leaving(store, policy, now, most=2**31)
+        if apply:
+            with station_lock(configuration.database_url, configuration.settings.station.id):
+                while gone := enforce(store, configuration.path(archive.folder), policy, now):
+                    removed += len(gone)
+        after = kept(store)
+    reasons: dict[str, int] = {}
+    for one in going:
+        name = f"{one.record.retention}: {one.reason}"
+        reasons[name] = reasons.get(name, 0) + 1
+    size = sum(one.record.bytes for one in going)
+    if as_json:
+        figures = {
+            "shots": before.shots, "bytes": before.bytes, "leaving_shots": len(going),
+            "leaving_bytes": size, "removed_shots": removed, "kept_shots": after.shots,
+        }  # fmt: skip
+        print_json({"reasons": reasons, "figures": figures})
+        return
+    typer.echo(f"{before.shots:,} archived shots, {before.bytes / 1e9:.2f} GB")
+    for name, number in reasons.items():
+        typer.echo(f"{number:,} go, {name}")
+    if apply:
+        typer.echo(f"removed {removed:,}; {after.shots:,} shots, {after.bytes / 1e9:.2f} GB are left")
+    else:
+        typer.echo(f"{len(going):,} would go, {size / 1e9:.2f} GB; --apply removes them")
+
+
+@db_app.command()
+def event(
+    database: DatabaseOption,
+    station: Annotated[str, typer.Option(help="Where it happened.", show_default=False)],
+    text: Annotated[
+        str | None, typer.Argument(help="What happened: 'lamp 2 changed'.", show_default=False)
+    ] = None,
+    temperature: Annotated[
+        float | None,
+        typer.Option(
+            help="Degrees Celsius; reports of drift use it.", min=-60.0, max=200.0, show_default=False
+        ),
+    ] = None,
+    code: Annotated[str, typer.Option(help="Short name to find it by.", metavar="CODE")] = "maintenance",
+    time: Annotated[
+        str | None,
+        typer.Option(help="When: ISO 8601, UTC without a zone; or a span before now.", show_default="now"),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Record what only people or other systems know: maintenance, the temperature of the hall."""
+    from datetime import UTC, datetime
+
+    from alignment.errors import InputError
+    from db.queries import ResultReader, station_names
+    from db.records import EventRecord, Severity
+    from db.store import ResultStore
+    from station.quality.periods import read_time
+    from station.quality.report_compare import TEMPERATURE
+
+    if (text is None) == (temperature is None):
+        raise InputError(
+            field="TEXT", expected="either a text or --temperature", seen="both" if text else "none"
+        )
+    utc = read_time("--time", time) or datetime.now(UTC)
+    with ResultReader(database) as reader:
+        known = station_names(reader)
+    if station not in known:
+        raise InputError(
+            field="--station", expected=f"one of {', '.join(known) or 'no station yet'}", seen=ascii(station)
+        )
+    if temperature is not None:
+        code, text = TEMPERATURE, f"{temperature:g} °C"
+    record = EventRecord(utc, station, Severity.INFO, "command line", code, text or "")
+    with ResultStore(database) as store:
+        store.record_event(record)
+    if as_json:
+        print_json({"event": str(record.uuid), "utc": utc.isoformat(), "code": code, "text": text})
+    else:
+        typer.echo(f"{utc:%Y-%m-%d %H:%M} UTC, {station}: {code}: {text}")
