@@ -27,12 +27,14 @@ from db.migrate import migrate
 from db.partitions import ensure_partitions
 from db.quality_records import InstallationRecord, StationRecord
 from db.records import (
+    AxleRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
     CheckKind,
     CheckOutcome,
     CycleOutcome,
     CycleRecord,
+    VehicleAnglesRecord,
     VehicleRecord,
     Verdict,
     WheelOutcome,
@@ -250,10 +252,19 @@ def new_cycle(station: str, number: int) -> CycleRecord:
         )
         for wheel in WHEELS
     )
+    axles = tuple(
+        AxleRecord(
+            axle, 0.0034, 1.7e-5, 0.0, 1.7e-5, Verdict.OK,
+            total_toe_low=0.0, total_toe_high=0.007, guard_band=True, coverage_factor=2.0,
+        )
+        for axle in ("front", "rear")
+    )  # fmt: skip
+    angles = VehicleAnglesRecord(1e-4, 8e-6, "left_positive", 0.0018, 0.0016)
     vin = f"TWNEW{os.getpid():07d}{number:08d}"
     return CycleRecord(
         uuid4(), station, number, received, CycleOutcome.OK, "0.1.0", "benchmark",
-        VehicleRecord(vin, TYPES[number % 3]), 1.0, received, 2.0, None, None, wheels,
+        VehicleRecord(vin, TYPES[number % 3]), 1.0, received, 2.0, None, None,
+        wheels, axles, angles,
     )  # fmt: skip
 
 

@@ -220,7 +220,7 @@ class Shipper:
         if entries:
             common = {"origin": origin, "station": self._station, "arrived_utc": now}
             rows = [{"sequence": e.sequence, "kind": e.kind, "key": e.key} | common for e in entries]
-            insert_rows(central, arrivals, rows)
+            insert_rows(central, {arrivals: rows})
         return done, len(entries)
 
     def _load(self, connection: Connection, entries: Sequence[Row[Any]]) -> list[Any]:

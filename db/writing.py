@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import cache
 from typing import Any
@@ -124,20 +124,23 @@ def write_cycles(
         )
         for table, items in results:
             parts[table] += [flat_values(item) | {"cycle_id": added[record.uuid]} for item in items]
-    for table, part in parts.items():
-        if part:
-            insert_rows(connection, table, part)
+    insert_rows(connection, parts)
     return frozenset(added)
 
 
-def insert_rows(connection: Connection, table: Table, rows: list[dict[str, Any]]) -> None:
-    """Insert rows that nothing is to come back of."""
+def insert_rows(connection: Connection, rows: Mapping[Table, Sequence[dict[str, Any]]]) -> None:
+    """Insert rows of several tables that do not refer to each other, and of which nothing is to come back."""
+    tables = tuple(table for table, part in rows.items() if part)
     if connection.dialect.name == "sqlite":
-        connection.execute(table.insert(), rows)
-        return
-    # One statement for all rows: executed row by row they cost the server three times as much.
-    text = json.dumps(rows, default=_as_text, ensure_ascii=False, allow_nan=False)
-    connection.execute(_from_document(table), {"rows": text})
+        for table in tables:
+            connection.execute(table.insert(), rows[table])
+    elif tables:
+        # One statement for all: row by row they cost the server three times as much.
+        documents = {
+            table.name: json.dumps(rows[table], default=_as_text, ensure_ascii=False, allow_nan=False)
+            for table in tables
+        }
+        connection.execute(_from_documents(tables), documents)
 
 
 def _as_text(value: datetime | UUID) -> str:
@@ -145,12 +148,17 @@ def _as_text(value: datetime | UUID) -> str:
 
 
 @cache
+def _from_documents(tables: tuple[Table, ...]) -> Insert:
+    """Insert the rows of a JSON list for each table, named as the table is; on PostgreSQL."""
+    first, *others = map(_from_document, tables)
+    parts = [insert.cte(f"new_{table.name}") for table, insert in zip(tables[1:], others, strict=True)]
+    return first.add_cte(*parts)
+
+
 def _from_document(table: Table) -> Insert:
-    """Insert the rows of a JSON list, on PostgreSQL."""
+    document = cast(bindparam(table.name, type_=Text), JSON())
     columns = [column(item.name, item.type) for item in table.c]
-    rows = func.json_to_recordset(cast(bindparam("rows", type_=Text), JSON())).table_valued(
-        *columns, name="given"
-    )
+    rows = func.json_to_recordset(document).table_valued(*columns, name="given")
     return table.insert().from_select(table.c.keys(), select(rows.render_derived(with_types=True)))
 
 

@@ -43,6 +43,13 @@ def plain_time(connection: Connection, time: Any) -> ColumnElement[Any]:
     return cast(func.date_part("epoch", time, type_=Double()) * 1e6, BigInteger)
 
 
+def times(column: Sequence[Any]) -> NDArray[np.datetime64]:
+    """What `plain_time` gives, (N,) datetime64[us]."""
+    if column and isinstance(column[0], int):
+        return np.array(column, dtype=np.int64).view("datetime64[us]")
+    return np.array(column, dtype="datetime64[us]")
+
+
 def plain_uuid(uuid: Column[Any]) -> ColumnElement[str]:
     """A UUID as text that `uuid.UUID` reads."""
     return cast(type_coerce(uuid, Text), Text)

@@ -20,7 +20,7 @@ from sqlalchemy import (
 )
 
 from db.partial_sums import OF_AXLE, OF_WHEEL
-from db.queries.columns import columns_of, objects, plain_time, plain_uuid
+from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
 from db.queries.reader import ResultReader
 from db.records import StoredCycle
@@ -80,12 +80,12 @@ def value_series(
         else:
             backwards = columns_of(connection, query.order_by(cycles.c.id.desc()).limit(newest))
             columns = [column[::-1] for column in backwards]
-    times, numbers, texts, uuids = columns[0], columns[1:5], columns[5:10], columns[10]
+    received, numbers, texts, uuids = columns[0], columns[1:5], columns[5:10], columns[10]
     value, u, low, high = (np.array(column, dtype=np.float64) for column in numbers)
     verdict, vin, vehicle_type, station, calibration = (objects(column) for column in texts)
     return ValueSeries(
         characteristic,
-        np.array(times, dtype="datetime64[us]"),
+        times(received),
         value,
         u,
         low,

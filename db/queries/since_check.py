@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, overload
 from uuid import UUID
@@ -28,7 +28,7 @@ from sqlalchemy import (
     true,
 )
 
-from db.queries.columns import columns_of, objects, plain_time, plain_uuid
+from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Filter, about_cycles, at_stations, known_stations
 from db.queries.reader import ResultReader
 from db.records import CheckKind, CheckOutcome, CycleOutcome
@@ -250,7 +250,9 @@ def _since_checks(connection: Connection, where: Filter, groups: _Groups) -> lis
     ]
     if not since:
         return []
-    rows = _Rows(connection, _names(groups), _source(where), or_(*since), and_(true(), *about_cycles(where)))
+    unrestricted = replace(where, stations=(), plants=(), wheels=(), verdict=None) == EVERYTHING
+    wanted = None if unrestricted else and_(true(), *about_cycles(where))
+    rows = _Rows(connection, _names(groups), _source(where), or_(*since), wanted)
     return [
         SinceCheck(station, tuple(wheels), last, rows.vehicles.chosen(rows.since(station, wheels, last)))
         for station, wheels_of in checked.items()
@@ -264,7 +266,7 @@ def _never_checked(connection: Connection, where: Filter, groups: _Groups) -> li
     if not never:
         return []
     chosen = and_(cycles.c.station.in_(never), *about_cycles(where))
-    rows = _Rows(connection, _names(groups), _source(where), chosen, true())
+    rows = _Rows(connection, _names(groups), _source(where), chosen, None)
     return [
         SinceCheck(station, tuple(wheels), None, rows.vehicles.chosen(rows.since(station, wheels, None)))
         for station, wheels in never.items()
@@ -288,7 +290,7 @@ class _Rows:
     chosen
         Condition: which cycles.
     wanted
-        Which of these are asked for; the others are only looked at.
+        Which of these are asked for, the others are only looked at; None for all.
     """
 
     def __init__(
@@ -297,7 +299,7 @@ class _Rows:
         names: Sequence[str],
         source: FromClause,
         chosen: ColumnElement[bool],
-        wanted: ColumnElement[bool],
+        wanted: ColumnElement[bool] | None,
     ) -> None:
         self._connection = connection
         chosen &= cycles.c.vehicle_id.is_not(None)
@@ -308,7 +310,7 @@ class _Rows:
             cast(cycles.c.outcome, Text),
             plain_uuid(cycles.c.uuid),
             cycles.c.station,
-            wanted,
+            *([] if wanted is None else [wanted]),
         )
         columns = columns_of(connection, query.select_from(source).where(chosen))
         self._stations = {name: number for number, name in enumerate(sorted(set(columns[5])))}
@@ -318,14 +320,14 @@ class _Rows:
         order = np.lexsort((ids, station))
         self._begins = np.searchsorted(station[order], np.arange(len(self._stations) + 1))
         self._id = ids[order]
-        self._wanted = np.array(columns[6], dtype=bool)[order]
+        self._wanted = np.ones(len(ids), bool) if wanted is None else np.array(columns[6], dtype=bool)[order]
 
         of_vehicles = select(vehicles.c.id, vehicles.c.vin, vehicles.c.vehicle_type)
         vehicle_ids = np.array(columns[1], dtype=np.int64)[order]
         at, (vin, vehicle_type) = self._beside(of_vehicles, vehicle_ids, cycles.c.vehicle_id, source, chosen)
-        times = np.array(columns[2], dtype="datetime64[us]")[order]
         outcome, cycle = objects(columns[3])[order], objects(columns[4])[order]
-        self.vehicles = VehiclesSince(times, objects(vin)[at], objects(vehicle_type)[at], outcome, cycle)
+        received = times(columns[2])[order]
+        self.vehicles = VehiclesSince(received, objects(vin)[at], objects(vehicle_type)[at], outcome, cycle)
 
         self._bits = {name: 1 << number for number, name in enumerate(names)}
         bit = case(self._bits, value=wheel_results.c.wheel, else_=0)
