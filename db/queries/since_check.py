@@ -135,9 +135,9 @@ class SinceCheck:
 def since_last_good_check(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[SinceCheck, ...]:
     """For each station and wheel the last master check within tolerance, and the vehicles measured since.
 
-    The filter chooses stations, plants, wheels and vehicle types; its period bounds the vehicles, not the
-    checks. A vehicle that was stored after others of a later time counts as measured after them: then the
-    clock was set back.
+    By station, the oldest check first. The filter chooses stations, plants, wheels and vehicle types; its
+    period bounds the vehicles, not the checks. A vehicle that was stored after others of a later time counts
+    as measured after them: then the clock was set back.
     """
     with reader.transaction() as connection:
         good = _last_good_checks(connection)
@@ -147,7 +147,11 @@ def since_last_good_check(reader: ResultReader, where: Filter = EVERYTHING) -> t
         found = []
         for part in _portions(groups):
             found += [*_since_checks(connection, where, part), *_never_checked(connection, where, part)]
-    return tuple(sorted(found, key=lambda one: (one.station, str(one.last_good_utc))))
+    return tuple(sorted(found, key=_oldest_first))
+
+
+def _oldest_first(found: SinceCheck) -> tuple[str, str]:
+    return found.station, "" if found.last_good_utc is None else found.last_good_utc.isoformat()
 
 
 def _last_good_checks(connection: Connection) -> dict[tuple[str, str], datetime]:

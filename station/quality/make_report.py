@@ -14,7 +14,7 @@ from station.quality.report import Report, Section, in_words
 from station.quality.report_choices import TITLES, ReportKind, SplitBy
 from station.quality.report_compare import compare_sections, drift_section
 from station.quality.report_counts import pareto_section, yield_section
-from station.quality.report_trace import since_check_section, vin_sections
+from station.quality.report_trace import since_check_sections, vin_sections
 from station.quality.report_values import capability_section, chart_sections
 
 
@@ -113,7 +113,7 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
         case ReportKind.DRIFT:
             return [drift_section(reader, where, angles)]
         case ReportKind.SINCE_CHECK:
-            return [since_check_section(reader, where)]
+            return since_check_sections(reader, where)
         case ReportKind.VIN:
             if where.vin is None:
                 raise ConfigurationError(field="--vin", expected="the VIN of a vehicle", seen="none")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from typing import Any
+from uuid import UUID
 
 from alignment.errors import InputError
 from db.exports.rows import angle_rows
@@ -68,35 +69,43 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
     ]
 
 
-def since_check_section(reader: ResultReader, where: Filter) -> Section:
-    """Vehicles measured since the last good master check of each station and wheel."""
-    rows: list[Row] = []
-    said: list[str] = []
-    found = since_last_good_check(reader, where)
-    for group in found:
+def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
+    """When the wheels of each station were last found good, and once every vehicle measured since."""
+    checks: list[Row] = []
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    groups = since_last_good_check(reader, where)
+    for group in groups:
         last = "never" if group.last_good_utc is None else shown_time(group.last_good_utc)
-        said.append(
-            f"{group.station} {', '.join(group.wheels)}: last good check {last}, vehicles since "
-            f"{len(group.vehicles)}"
+        wheels = ", ".join(group.wheels)
+        since = group.vehicles
+        checks.append(
+            {"station": group.station, "wheels": wheels, "last_good_check": last, "vehicles": len(since)}
         )
-        for vehicle in group.vehicles:
-            rows.append(
-                {
-                    "station": group.station, "wheels": ", ".join(group.wheels),
-                    "last_good_check": last, "vin": vehicle.vin,
-                    "type": vehicle.vehicle_type, "received": shown_time(vehicle.received_utc),
-                    "result": str(vehicle.outcome), "cycle": str(vehicle.cycle),
-                }
-            )  # fmt: skip
-    never = sum(group.last_good_utc is None for group in found)
-    return Section(
-        "since_check",
-        "Vehicles since the last good master check",
-        rows,
-        {"vehicles_since_check": len({row["vin"] for row in rows}), "never_checked": never},
-        ". ".join(said) + ("." if said else "No station has measured yet."),
-        brief=("station", "last_good_check", "vin", "type", "result"),
-    )
+        columns = (since.cycle, since.vin, since.vehicle_type, since.time, since.outcome)
+        for cycle, vin, vehicle_type, time, outcome in zip(*columns, strict=True):
+            row = found.get((group.station, cycle))
+            if row is None:
+                found[group.station, cycle] = {
+                    "station": group.station, "vin": vin, "type": vehicle_type,
+                    "received": f"{str(time)[:19].replace('T', ' ')} UTC", "result": outcome,
+                    "wheels": wheels, "last_good_check": last, "cycle": str(UUID(cycle)),
+                }  # fmt: skip
+            else:
+                row["wheels"] += f", {wheels}"
+    rows = sorted(found.values(), key=lambda row: (row["station"], row["received"]))
+    never = sum(len(group.wheels) for group in groups if group.last_good_utc is None)
+    return [
+        Section("last_checks", "Last good master check of each wheel", checks, {"never_checked": never}),
+        Section(
+            "since_check",
+            "Vehicles since the last good master check",
+            rows,
+            {"vehicles_since_check": len({row["vin"] for row in rows})},
+            "Each with the wheels that measured it and have not been found good since, and the earliest of"
+            " their last good checks.",
+            brief=("station", "last_good_check", "vin", "type", "result", "wheels"),
+        ),
+    ]
 
 
 def _explaining(history: VinHistory) -> list[Section]:

@@ -193,7 +193,9 @@ def test_one_vehicle_comes_with_everything_that_explains_it(asked: Callable[...,
 
 def test_vehicles_since_the_last_good_check(asked: Callable[..., Report], month: str) -> None:
     report = asked(ReportKind.SINCE_CHECK).as_json()
-    rows = report["sections"][0]["rows"]
+    checks, rows = (section["rows"] for section in report["sections"])
+    assert [row["station"] for row in checks] == sorted(STATIONS)
+    assert sum(row["vehicles"] for row in checks) == len(rows) == len({row["cycle"] for row in rows})
     for station, name in enumerate(STATIONS):
         checked = START + timedelta(days=20, hours=station)
         expected = [
