@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,6 +15,8 @@ from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import Candidates, match_heads
+from alignment.stereo.overlap import shared_views
+from alignment.stereo.pool import PointPool
 from alignment.stereo.rectification import epipolar_directions
 from alignment.stereo.surface import PlaneHypothesis, nearest_candidates, plane_hypotheses
 from alignment.values import (
@@ -29,16 +32,14 @@ from alignment.values import (
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.agreement import head_misfits
-from alignment.wheel.plane import fit_plane
+from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from alignment.wheel.ridges import fit_ridges
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
-_STRETCH = 25  # line points that count as one cluster
 _GOOD_SCALE = 3.0  # residuals in units of the image noise below which no other hypothesis needs a look
 _FEW_OF_MEDIAN = 0.3  # of the points that the middle one of the heads has on the wheel
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
@@ -50,30 +51,19 @@ _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface b
 # and more than the errors of the calibration do: three stated deviations, or a hundredth of a millimetre
 # where it states none.
 _LEAST_MISFIT, _UNSTATED_MISFIT, _DEVIATIONS, _MOVEMENTS = 0.003, 0.01, 3.0, 5
+_SOME = 4  # line points of which one tells of the light
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class _Pool:
-    """Candidates of all heads in one table; `head` tells whose they are."""
-
-    points: Array
-    sigma: Array
-    rays: Array
-    group: Index
-    cluster: Index
-    line: Index
-    head: Index
-
-
-@dataclass(frozen=True, eq=False)
 class _Surface:
-    """A fitted wheel and which candidates it chose."""
+    """A fitted wheel, which candidates it chose, and these alone."""
 
     fit: RevolutionFit
     chosen: NDArray[np.bool_]
+    points: PointPool
 
 
 def measure_wheel(
@@ -130,7 +120,8 @@ def _measure(
     images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
 ) -> WheelMeasurement | Refusal:
     every = [image for pair in images for image in (pair.left, pair.right)]
-    found_lines = iter(extract_many(every, epipolar_directions(calibration)))
+    views = shared_views(calibration, settings.depth_range_mm)
+    found_lines = iter(extract_many(every, epipolar_directions(calibration), views, with_crosses=False))
     lines: list[tuple[LightLines, LightLines]] = []
     for pair, head in zip(images, calibration.heads, strict=True):
         left, right = next(found_lines), next(found_lines)
@@ -151,13 +142,13 @@ def _measure(
     for candidates, head in zip(matched, calibration.heads, strict=True):
         if len(candidates.points) < settings.minimum_points:
             return _no_match(candidates, head, settings)
-    pool = _pool(matched)
+    pool = PointPool.of(matched)
     slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
     hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
     surface = _best_surface(pool, hypotheses)
     if isinstance(surface, Refusal):
         return surface
-    return _evaluate(pool, matched, surface, calibration, settings)
+    return _evaluate(matched, surface, calibration, settings)
 
 
 def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
@@ -201,33 +192,10 @@ def _no_match(candidates: Candidates, head: HeadCalibration, settings: MeasureSe
 
 def _full_scale_share(image: Image, lines: LightLines) -> float:
     """Share of line points whose pixel is at the top of the range; 16-bit cameras may end below 65535."""
-    return level_share(image, lines.points, 255 if image.dtype == np.uint8 else -1)
+    return level_share(image, lines.points[::_SOME], 255 if image.dtype == np.uint8 else -1)
 
 
-def _pool(matched: list[Candidates]) -> _Pool:
-    groups, lines, stretches, heads = [], [], [], []
-    next_group = next_line = 0
-    for k, c in enumerate(matched):
-        groups.append(c.left_point + next_group)
-        # Candidates stand in the order of lines and points: another stretch begins where either changes.
-        lines.append(c.left_line + next_line)
-        stretches.append(lines[-1] * 65536 + c.left_point // _STRETCH)
-        heads.append(np.full(len(c.points), k))
-        next_group += int(c.left_point.max()) + 1
-        next_line += int(c.left_line.max()) + 1
-    stretch = np.concatenate(stretches)
-    return _Pool(
-        points=np.concatenate([c.points for c in matched]),
-        sigma=np.concatenate([c.sigma for c in matched]),
-        rays=np.concatenate([c.rays for c in matched]),
-        group=np.concatenate(groups),
-        cluster=np.concatenate([[0], np.cumsum(stretch[1:] != stretch[:-1])]),
-        line=np.concatenate(lines),
-        head=np.concatenate(heads),
-    )
-
-
-def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | Refusal:
+def _best_surface(pool: PointPool, hypotheses: list[PlaneHypothesis]) -> _Surface | Refusal:
     """Fit the hypotheses in turn; the one with the least residuals in units of the noise is the wheel."""
     best: _Surface | None = None
     for hypothesis in hypotheses:
@@ -239,7 +207,7 @@ def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | 
             best = surface
         if best.fit.scale < _GOOD_SCALE:
             break
-    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(pool, best)):
+    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best)):
         best = _without_intruder(pool, best)
     if best is None:
         return Refusal(
@@ -250,28 +218,27 @@ def _best_surface(pool: _Pool, hypotheses: list[PlaneHypothesis]) -> _Surface | 
     return best
 
 
-def _fit_hypothesis(pool: _Pool, hypothesis: PlaneHypothesis) -> _Surface:
+def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis) -> _Surface:
     c = hypothesis.coefficients
     heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
     chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
-    fit = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]))
+    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]))
     # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
-    heights = np.nan_to_num(fit.height(pool.points), nan=np.inf)
+    heights = np.nan_to_num(surface.fit.height(pool.points), nan=np.inf)
     again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
     if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
-        fit, chosen = _fit(pool, again, fit.normal, fit.centre), again
-    return _Surface(fit, chosen)
+        surface = _fit(pool, again, surface.fit.normal, surface.fit.centre)
+    return surface
 
 
-def _one_head_is_off(pool: _Pool, surface: _Surface) -> bool:
+def _one_head_is_off(surface: _Surface) -> bool:
     """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    counts = np.bincount(
-        pool.head[surface.chosen][surface.fit.weights > 0], minlength=int(pool.head.max()) + 1
-    )
+    head = surface.points.head
+    counts = np.bincount(head, weights=surface.fit.weights > 0, minlength=int(head.max()) + 1)
     return bool(counts.min() < _FEW_OF_MEDIAN * np.median(counts))
 
 
-def _without_intruder(pool: _Pool, surface: _Surface) -> _Surface:
+def _without_intruder(pool: PointPool, surface: _Surface) -> _Surface:
     """Start again from all heads but one: something before that head may have spoilt the fit."""
     best, most = surface, 0
     if surface.fit.scale < _GOOD_SCALE:
@@ -279,41 +246,42 @@ def _without_intruder(pool: _Pool, surface: _Surface) -> _Surface:
     for head in range(int(pool.head.max()) + 1):
         chosen = surface.chosen & (pool.head != head)
         try:
-            fit = _fit(pool, chosen, surface.fit.normal, surface.fit.centre)
+            other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre)
             for _ in range(_ROUNDS):
-                heights = np.nan_to_num(fit.height(pool.points), nan=np.inf)
+                heights = np.nan_to_num(other.fit.height(pool.points), nan=np.inf)
                 chosen = nearest_candidates(heights, pool.group, _SURFACE_GATE)
-                fit = _fit(pool, chosen, fit.normal, fit.centre)
-                if fit.scale < _GOOD_SCALE:
+                other = _fit(pool, chosen, other.fit.normal, other.fit.centre)
+                if other.fit.scale < _GOOD_SCALE:
                     break
         except DegenerateInputError:
             continue
         # Of those that fit, the one on which most points lie.
-        if fit.scale < _GOOD_SCALE and np.count_nonzero(fit.weights) > most:
-            best, most = _Surface(fit, chosen), int(np.count_nonzero(fit.weights))
+        if other.fit.scale < _GOOD_SCALE and np.count_nonzero(other.fit.weights) > most:
+            best, most = other, int(np.count_nonzero(other.fit.weights))
     return best
 
 
-def _fit(pool: _Pool, chosen: NDArray[np.bool_], normal: Array, centre: Array) -> RevolutionFit:
-    return fit_revolution(
-        pool.points[chosen], pool.sigma[chosen], pool.rays[chosen], pool.cluster[chosen], normal, centre,
-        line=pool.line[chosen],
-    )  # fmt: skip
+def _fit(pool: PointPool, chosen: NDArray[np.bool_], normal: Array, centre: Array) -> _Surface:
+    mine = pool.where(chosen)
+    fit = fit_revolution(mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line)
+    return _Surface(fit, chosen, mine)
 
 
 def _evaluate(
-    pool: _Pool,
     matched: list[Candidates],
     surface: _Surface,
     calibration: RigCalibration,
     settings: MeasureSettings,
 ) -> WheelMeasurement | Refusal:
-    fit, head = surface.fit, pool.head[surface.chosen]
-    used = fit.weights > 0
+    fit, pool = surface.fit, surface.points
+    head, used = pool.head, fit.weights > 0
+    squares = np.where(used, fit.weights * np.square(fit.residuals), 0.0)
+    numbers, weights, misfit = (
+        np.bincount(head, weights=each, minlength=len(matched)) for each in (used, fit.weights, squares)
+    )
     qualities = []
     for k, (candidates, camera_pair) in enumerate(zip(matched, calibration.heads, strict=True)):
-        mine = used & (head == k)
-        count = int(mine.sum())
+        count = int(numbers[k])
         if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
             return Refusal(
                 RefusalCode.TOO_FEW_POINTS,
@@ -322,9 +290,8 @@ def _evaluate(
                 "obstacle, or a head that moved since its calibration",
                 camera_pair.name,
             )
-        qualities.append(
-            HeadQuality(camera_pair.name, count, candidates.offered, _rms(fit.residuals, fit.weights, mine))
-        )
+        own_rms = math.sqrt(misfit[k] / weights[k]) if weights[k] > 0.0 else 0.0
+        qualities.append(HeadQuality(camera_pair.name, count, candidates.offered, own_rms))
     share = sum(quality.points for quality in qualities) / sum(
         quality.points_offered for quality in qualities
     )
@@ -335,16 +302,15 @@ def _evaluate(
             f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
             "the calibration is the rig's",
         )
-    rms = _rms(fit.residuals, fit.weights, used)
+    rms = math.sqrt(misfit.sum() / weights.sum())
     if rms > _WORST_RMS:
         return Refusal(
             RefusalCode.NOT_A_WHEEL,
             f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
             "check the calibration and what stands in front of the heads",
         )
-    misfits = head_misfits(pool.points[surface.chosen], head, len(matched), fit)
-    counts = np.array([quality.points for quality in qualities])
-    limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / counts)
+    misfits = head_misfits(pool.points, head, len(matched), fit)
+    limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
     worst = int((misfits - limits).argmax())
     if misfits[worst] > limits[worst]:
         name = calibration.heads[worst].name
@@ -355,24 +321,20 @@ def _evaluate(
             "check that it has not been knocked, and calibrate again",
             name,
         )
-    points, weights = pool.points[surface.chosen][used], fit.weights[used]
     normal, covariance, tilt_axes = fit.normal, fit.covariance, fit.tilt_axes
     if settings.method == "plane":
-        plane = fit_plane(points, pool.cluster[surface.chosen][used], fit.normal)
+        plane = fit_plane(pool.points[used], pool.cluster[used], fit.normal)
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
-        rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
+        rms = _rms(plane)
     elif settings.method == "ridges":
         try:
-            plane = fit_ridges(
-                pool.points[surface.chosen], head, pool.line[surface.chosen], fit, len(matched)
-            )
+            plane = fit_ridges(pool.points, head, pool.line, fit, len(matched))
         except DegenerateInputError as error:
             return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
         normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
-        rms = _rms(plane.residuals, plane.weights, plane.weights > 0)
-    above = np.einsum("ij,j->i", points - fit.centre, normal)
-    height = float((weights * above).sum() / weights.sum())
-    centre = fit.centre + height * normal
+        rms = _rms(plane)
+    mean = np.einsum("i,ij->j", fit.weights, pool.points) / fit.weights.sum()
+    centre = fit.centre + float((mean - fit.centre) @ normal) * normal
     rotation = calibration.vehicle_from_rig.rotation
     in_vehicle = rotation @ normal
     try:
@@ -422,10 +384,10 @@ def _worst_misfit(calibration: RigCalibration) -> float:
     return _LEAST_MISFIT + _DEVIATIONS * float(predicted_misfits(calibration).max())
 
 
-def _rms(residuals: Array, weights: Array, mask: NDArray[np.bool_]) -> float:
-    """Weighted root mean square over the mask; 0 for none."""
-    total = float(weights[mask].sum())
-    return float(np.sqrt((weights[mask] * residuals[mask] ** 2).sum() / total)) if total > 0 else 0.0
+def _rms(plane: PlaneFit) -> float:
+    """Weighted root mean square of a plane's residuals, millimetres."""
+    used = plane.weights > 0
+    return float(np.sqrt(np.average(np.square(plane.residuals[used]), weights=plane.weights[used])))
 
 
 def _outside(what: str) -> Refusal:

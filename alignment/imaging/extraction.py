@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from alignment.imaging import chains, ridges
 from alignment.imaging.crosses import find_crosses
-from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y
+from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y, row_of
 from alignment.imaging.tracing import follow
 from alignment.kernels import njit, prange
 
@@ -28,10 +28,9 @@ MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
-_SPACING_PER_STEP = (
-    20.0  # distance of the lines over rows between scanned rows: none is mistaken for the next
-)
-_MOST_STEP = 4
+_SPACING_PER_STEP = 10.0  # distance of lines over that of scanned rows: none is mistaken for the next
+_STEP_PER_WIDTH = 3.2  # distance of scanned rows over a line's width: no end of it is overlooked
+_MOST_STEP = 8
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
 _FILTER = 1.4  # of the line's deviation: near the optimum for shot noise, and good for read noise
@@ -58,18 +57,19 @@ def _share(counts: Index, share: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def contrast_of(image: Any, bits: int) -> float:
-    """Least height over both flanks, grey levels, that a ridge must have to be a candidate.
+def contrast_of(image: Any, view: Index, bits: int) -> float:
+    """Least height over both flanks, grey levels, that a ridge in a part must have to be a candidate.
 
     Above the noise of the dark part (its second differences), and a few per cent of the light's swing.
     """
-    height, width = image.shape
+    width, height = view[2] - view[0], view[3] - view[1]
     shift = max(0, bits - 12)
     noise = np.zeros(4 * _HISTOGRAM, np.int64)
     levels = np.zeros(_HISTOGRAM, np.int64)
     for y in range(_PROBE_STEP // 4, height, _PROBE_STEP // 2):
+        row = row_of(image, view, y)
         for x in range(1, width - 1, 3):
-            a, b, c = np.int64(image[y, x - 1]), np.int64(image[y, x]), np.int64(image[y, x + 1])
+            a, b, c = np.int64(row[x - 1]), np.int64(row[x]), np.int64(row[x + 1])
             levels[b >> shift] += 1
             second = int(abs(a - 2 * b + c))
             noise[min(second, noise.size - 1)] += 1
@@ -79,17 +79,21 @@ def contrast_of(image: Any, bits: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def line_width(image: Any, transposed: Any, contrast: float) -> tuple[float, float, float]:
+def line_width(image: Any, view: Index, contrast: float) -> tuple[float, float, float]:
     """Standard deviation of the lines' cross profile, and how close steep and flat lines stand, pixels.
 
     From some rows and columns; 0 without lines. A ridge that lies aslant shows too wide, so of each direction
-    the narrow half counts. Only a tenth of the neighbours stand closer than the stated distances.
+    the narrow half counts. Only a quarter of the neighbours stand closer than the stated distances.
     """
     weights = ridges.derivative_weights(_PROBE_SIGMA)
     narrowest = np.inf
     spacing = np.full(2, np.inf)
     for direction in range(2):
-        table, rows = ridges.scan_rows(transposed if direction else image, 3, weights, contrast, _PROBE_STEP)
+        if direction == 0:
+            table, rows = ridges.scan_rows(image, view, 3, weights, contrast, _PROBE_STEP)
+        else:
+            some = ridges.columns_of(image, view, _PROBE_STEP)
+            table, rows = ridges.scan_rows(some, ridges.whole(some), 3, weights, contrast, 1)
         if table.shape[0] >= 8:
             shown = np.sort(table[:, WIDTH2])
             narrowest = min(narrowest, shown[int(0.4 * (shown.size - 1))])
@@ -100,7 +104,7 @@ def line_width(image: Any, transposed: Any, contrast: float) -> tuple[float, flo
                 gaps[n] = table[i, X] - table[i - 1, X]
                 n += 1
         if n >= 8:
-            spacing[direction] = np.sort(gaps[:n])[n // 10]
+            spacing[direction] = np.sort(gaps[:n])[n // 4]
     if narrowest == np.inf:
         return 0.0, spacing[0], spacing[1]
     # A Gaussian line of deviation s shows WIDTH2 = (s² + p²)^1.5 / s under a probe of deviation p.
@@ -137,18 +141,33 @@ def _serves(table: Array, slope: Array, along_x: float, along_y: float, least: f
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _trace(
-    image: Any, width: float, spacing: float, contrast: float, along_x: float, along_y: float, least: float
-) -> tuple[Array, Index, Array, int]:
-    """Chains of one scan direction: ridge table in chain order, first row of each, slopes, rows per point.
+    image: Any,
+    view: Index,
+    flat: bool,
+    width: float,
+    spacing: float,
+    contrast: float,
+    along_x: float,
+    along_y: float,
+    least: float,
+) -> tuple[Array, Index, Array, bool]:
+    """Chains of one scan direction, rows or columns.
 
-    Where lines stand apart, some rows show their course; every row is looked at along lines worth it.
+    Ridge table in chain order, first row of each, slopes, and whether they are worth every row.
+
+    Some rows show the lines' course; along those that are worth it every row is looked at.
     """
     weights = ridges.derivative_weights(min(max(_FILTER * width, 1.0), 9.0))
     box = max(2, round(1.6 * width))
-    step = int(min(max(spacing / _SPACING_PER_STEP, 1.0), _MOST_STEP))
+    step = int(max(min(spacing / _SPACING_PER_STEP, _STEP_PER_WIDTH * width, _MOST_STEP), 1.0))
     if abs(along_x) < abs(along_y):
         step *= 2  # hardly worth more
-    table, rows = ridges.scan_rows(image, box, weights, contrast, step)
+    if flat:
+        some = ridges.columns_of(image, view, step)
+        table, rows = ridges.scan_rows(some, ridges.whole(some), box, weights, contrast, 1)
+        table[:, Y] *= step
+    else:
+        table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
     shortest = max(12.0, 4.0 * width)
     gap = max(6.0, 3.0 * width)
     order, starts = ridges.link_rows(
@@ -158,10 +177,14 @@ def _trace(
     order, starts = ridges.join_chains(table, order, starts, 12.0 * width + 4.0 * step, _GATE)
     linked = _take(table, order)
     slope = chains.chain_slopes(linked, starts)
-    if step > 1 and _serves(linked, slope, along_x, along_y, least):
-        linked, starts = follow(image, box, weights, contrast, step, linked, starts)
-        return linked, starts, chains.chain_slopes(linked, starts), 1
-    return linked, starts, slope, step
+    if not _serves(linked, slope, along_x, along_y, least):
+        return linked, starts, slope, False
+    if flat:
+        every = ridges.columns_of(image, view, 1)
+        linked, starts = follow(every, ridges.whole(every), box, weights, contrast, step, linked, starts)
+    else:
+        linked, starts = follow(image, view, box, weights, contrast, step, linked, starts)
+    return linked, starts, chains.chain_slopes(linked, starts), True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -250,7 +273,7 @@ def _clean(
     """
     radius = _DISTURBED * width
     shadow = chains.shadow(other, other_starts, other_slope, _STEEPEST, radius, (shape[1], shape[0]))
-    keep = chains.undisturbed(table, slope, _STEEPEST, shadow, 2.0 * radius)
+    keep = chains.undisturbed(table, slope, _STEEPEST, shadow, shape, 2.0 * radius)
     kept = _take(table, np.flatnonzero(keep))
     kept_starts = np.zeros_like(starts)
     for c in range(starts.size - 1):
@@ -259,7 +282,6 @@ def _clean(
             count += keep[i]
         kept_starts[c + 1] = kept_starts[c] + count
     lean = chains.chain_slopes(kept, kept_starts)
-    chains.take_off_light_shift(kept, kept_starts, lean, width)
     sigma = centre_deviation(kept, kept_starts)
     room = points.shape[0] - offset
     count = min(kept.shape[0], room)
@@ -281,10 +303,11 @@ def _clean(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _extract(
     image: Any,
-    transposed: Any,
+    view: Index,
     bits: int,
     along: Array,
     least_sine: float,
+    with_crosses: bool,
     points: Array,
     tangents: Array,
     noise: Array,
@@ -295,29 +318,29 @@ def _extract(
     """Lines of one image, into the given tables."""
     counts[:] = 0
     line_starts[0] = 0
-    contrast = contrast_of(image, bits)
-    width, steep_spacing, flat_spacing = line_width(image, transposed, contrast)
+    contrast = contrast_of(image, view, bits)
+    width, steep_spacing, flat_spacing = line_width(image, view, contrast)
     if width == 0.0:
         return
-    steep, steep_starts, steep_slope, steep_step = _trace(
-        image, width, steep_spacing, contrast, along[0], along[1], least_sine
+    steep, steep_starts, steep_slope, steep_serves = _trace(
+        image, view, False, width, steep_spacing, contrast, along[0], along[1], least_sine
     )
-    flat, flat_starts, flat_slope, flat_step = _trace(
-        transposed, width, flat_spacing, contrast, along[1], along[0], least_sine
+    flat, flat_starts, flat_slope, flat_serves = _trace(
+        image, view, True, width, flat_spacing, contrast, along[1], along[0], least_sine
     )
-    shape = (image.shape[0], image.shape[1])
+    shape = (view[3] - view[1], view[2] - view[0])
     steep_lines, flat_lines = steep_starts.size - 1, flat_starts.size - 1
     if steep_lines + flat_lines + 1 > line_starts.size:
         return
     n = 0
     line_starts[1 : steep_lines + flat_lines + 1] = 0
-    if steep_step == 1:
+    if steep_serves:
         n = _clean(
             steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
             shape, width, False, points, tangents, noise, 0, line_starts, 0,
         )  # fmt: skip
     line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
-    if flat_step == 1:
+    if flat_serves:
         n = _clean(
             flat, flat_starts, flat_slope, steep, steep_starts, steep_slope,
             (shape[1], shape[0]), width, True, points, tangents, noise, n, line_starts, steep_lines,
@@ -325,7 +348,8 @@ def _extract(
     counts[POINTS] = n
     counts[LINES] = steep_lines + flat_lines
     counts[STEEP_LINES] = steep_lines
-    counts[CROSSES] = find_crosses(steep, steep_starts, flat, flat_starts, width, crosses)
+    if with_crosses:
+        counts[CROSSES] = find_crosses(steep, steep_starts, flat, flat_starts, width, crosses)
     counts[MILLIWIDTH] = round(1000.0 * width)
 
 
@@ -344,10 +368,11 @@ def level_share(image: Any, points: Array, top: int) -> float:
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def extract_all(
     images: Any,
-    transposed: Any,
+    views: Index,
     bits: int,
     along: Array,
     least_sine: float,
+    with_crosses: bool,
     points: Array,
     tangents: Array,
     noise: Array,
@@ -359,8 +384,10 @@ def extract_all(
 
     Parameters
     ----------
-    images, transposed
-        Typed lists of n images, one type, and of their transposes.
+    images
+        Typed list of n contiguous images, one type.
+    views
+        (n, 4) part of each image; see `ridges.row_of`. Points count in the part.
     bits
         8 or 16.
     along
@@ -369,12 +396,14 @@ def extract_all(
         and yield no points.
     least_sine
         Of the angle between a line and the epipolar lines for a line to be worth every row.
+    with_crosses
+        Whether crosses are wanted.
     points, tangents, noise, line_starts, crosses, counts
         Work space and result, one layer an image; see the column names of this module.
     """
     for index in prange(len(images)):
         k = np.int64(index)
         _extract(
-            images[k], transposed[k], bits, along[k], least_sine,
+            images[k], views[k], bits, along[k], least_sine, with_crosses,
             points[k], tangents[k], noise[k], line_starts[k], crosses[k], counts[k],
         )  # fmt: skip

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba.typed import List
 from numpy.typing import DTypeLike, NDArray
@@ -62,14 +61,20 @@ def extract_light_lines(image: Image) -> LightLines | None:
     return extract_many([image])[0]
 
 
-def extract_many(images: Sequence[Image], along: Array | None = None) -> list[LightLines | None]:
+def extract_many(
+    images: Sequence[Image],
+    along: Array | None = None,
+    views: Index | None = None,
+    *,
+    with_crosses: bool = True,
+) -> list[LightLines | None]:
     """Find the light lines of both directions and their crosses in each image.
 
-    The centre of a line is the top of its cross profile. Rows are searched for the steep lines, columns for
-    the flat ones; the profile along a row differs from the one across the line, which shifts the top where
-    the light changes along a slanting line (gloss, rings): with intensity A, cross deviation σ and slope
-    dx/dy that shift is σ² · d ln A/dy · dx/dy, and it is taken off. Points that a line of the other
-    direction disturbs are left out.
+    The centre of a line is the top of its profile along a row, for the flat lines along a column. Shading
+    along a line that lies aslant to the rows shifts it, by σ² · d ln A/dx with intensity A and deviation σ.
+    That is left alone: both cameras of a head see the same shading and take the same neighbouring place of
+    the surface, whose depth is right; an estimate of the shift in each image would err differently in both.
+    Points that a line of the other direction disturbs are left out.
 
     Parameters
     ----------
@@ -78,6 +83,10 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
     along
         (n, 2) direction in each image, x and y, of the epipolar lines where they are known. Lines nearly
         parallel to it have no points: they are looked at in some rows only, for the crosses.
+    views
+        (n, 4) part of each image to look at: first column and row, and those behind the last. None: all.
+    with_crosses
+        Whether crosses are wanted; without, there are none.
 
     Returns
     -------
@@ -87,6 +96,8 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
     n = len(images)
     kind: DTypeLike = np.uint8 if all(image.dtype == np.uint8 for image in images) else np.uint16
     same = [np.ascontiguousarray(image, dtype=kind) for image in images]
+    if views is None:
+        views = np.array([[0, 0, image.shape[1], image.shape[0]] for image in images], dtype=np.int64)
     # One large block: the C library keeps as much memory as the largest block it has seen freed, and fresh
     # pages would cost more than the whole search. Pages that stay unused cost nothing.
     block = np.empty((3, n * extraction.MAX_POINTS, 2))
@@ -98,10 +109,11 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
     counts = np.empty((n, 5), np.int64)
     extraction.extract_all(
         List(same),
-        List([np.asarray(cv2.transpose(image)) for image in same]),
+        views,
         8 * same[0].itemsize,
         np.zeros((n, 2)) if along is None else np.ascontiguousarray(along, dtype=np.float64),
         LEAST_SINE,
+        with_crosses,
         points,
         tangents,
         noise,
@@ -111,18 +123,21 @@ def extract_many(images: Sequence[Image], along: Array | None = None) -> list[Li
     )
     return [
         _lines(*tables, *numbers)
-        for *tables, numbers in zip(points, tangents, noise, starts, crosses, counts, strict=True)
+        for *tables, numbers in zip(
+            points, tangents, noise, starts, crosses, views[:, :2], counts, strict=True
+        )
     ]
 
 
 def _lines(
-    points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array,
+    points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array, corner: Index,
     number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int,
 ) -> LightLines | None:  # fmt: skip
     if milliwidth == 0:
         return None
     found = crosses[:meetings]
     meet = found[:, 2:4].astype(np.int64) + np.array([0, steep_lines])
+    points[:number] += corner
     return LightLines(
         points=points[:number],
         tangents=tangents[:number],
@@ -130,5 +145,5 @@ def _lines(
         strength=noise[1, :number],
         starts=starts[: lines + 1],
         width=milliwidth / 1000.0,
-        crosses=Crosses(found[:, :2].copy(), meet, found[:, 4:6].copy()),
+        crosses=Crosses(found[:, :2] + corner, meet, found[:, 4:6].copy()),
     )

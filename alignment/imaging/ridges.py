@@ -22,6 +22,7 @@ X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
 COLUMNS = 5
 _MAX_PER_ROW = 192
 _BLOCK = 32
+_TILE = 64
 _PULLED = 6  # points at a chain's end that a crossing line may have pulled aside
 _MEMORY = 16  # points over which a chain's direction is taken
 
@@ -49,7 +50,7 @@ def zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
     c3 = (d - a) / 6.0 + (b - c) / 2.0
     c2 = (a + c) / 2.0 - b
     c1 = c - b - c2 - c3
-    for _ in range(3):
+    for _ in range(2):
         f = b + t * (c1 + t * (c2 + t * c3))
         df = c1 + t * (2.0 * c2 + t * 3.0 * c3)
         if not df < 0.0:
@@ -101,15 +102,58 @@ def _respond(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def row_of(image: Any, view: NDArray[np.int64], y: int) -> Any:
+    """Row of a part of an image, without a copy.
+
+    Parameters
+    ----------
+    image
+        (height, width), contiguous.
+    view
+        (4,) first column and row of the part, and those behind its last.
+    y
+        Row, counted in the part.
+    """
+    return image[view[1] + y][view[0] : view[2]]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def columns_of(image: Any, view: NDArray[np.int64], step: int) -> Any:
+    """Every `step`-th column of a part of an image as a row (columns, height) of another."""
+    height, width = view[3] - view[1], view[2] - view[0]
+    out = np.empty(((width + step - 1) // step, height), image.dtype)
+    for top in range(0, height, _TILE):
+        bottom = min(top + _TILE, height)
+        for begin in range(0, out.shape[0], _TILE):
+            end = min(begin + _TILE, out.shape[0])
+            for y in range(top, bottom):
+                row = row_of(image, view, y)
+                for j in range(begin, end):
+                    out[j, y] = row[j * step]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def whole(image: Any) -> NDArray[np.int64]:
+    """View of a whole image."""
+    return np.array([0, 0, image.shape[1], image.shape[0]])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_rows(
-    image: Any, box: int, weights: NDArray[np.float32], contrast: float, step: int
+    image: Any,
+    view: NDArray[np.int64],
+    box: int,
+    weights: NDArray[np.float32],
+    contrast: float,
+    step: int,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Ridge points of every `step`-th row.
 
     Parameters
     ----------
-    image
-        (height, width), 8 or 16 bit.
+    image, view
+        As for `row_of`, 8 or 16 bit; coordinates count in the part.
     box
         Half the distance of the flanks from the ridge, pixels; about 1.6 times the line's sigma.
     weights
@@ -127,7 +171,7 @@ def scan_rows(
     starts
         (rows + 1,) first table row of each scanned image row.
     """
-    height, width = image.shape
+    width, height = view[2] - view[0], view[3] - view[1]
     half = weights.size
     flank = 2 * box
     pad = max(half, flank + 2)
@@ -142,7 +186,7 @@ def scan_rows(
     n = 0
     for j in range(rows):
         y = j * step
-        row = image[y]
+        row = row_of(image, view, y)
         found = 0
         _mark_lively(row, contrast, lively)
         block = 0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.imaging.ridges import COLUMNS, LEVEL, STRENGTH, WIDTH2, X, Y, zero_of_cubic
+from alignment.imaging.ridges import COLUMNS, LEVEL, STRENGTH, WIDTH2, X, Y, row_of, zero_of_cubic
 from alignment.kernels import njit
 
 Array = NDArray[np.float64]
@@ -24,35 +24,39 @@ _LANES = 16  # a whole number of vector registers
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _whole_kernels(weights: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(2, K) the odd kernel whose right half the weights are, filled up to whole registers with zeros.
-
-    The zeros stand behind it in the first row and before it in the second, for either border of an image.
-    """
+def _whole_kernel(weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(K,) the odd kernel whose right half the weights are, filled up to whole registers with zeros."""
     half = weights.size
     length = 2 * half + 1
-    kernels = np.zeros((2, (length + _LANES - 1) // _LANES * _LANES), np.float32)
-    for side in range(2):
-        middle = half + side * (kernels.shape[1] - length)
-        for k in range(half):
-            kernels[side, middle + 1 + k] = weights[k]
-            kernels[side, middle - 1 - k] = -weights[k]
-    return kernels
+    kernel = np.zeros((length + _LANES - 1) // _LANES * _LANES, np.float32)
+    for k in range(half):
+        kernel[half + 1 + k] = weights[k]
+        kernel[half - 1 - k] = -weights[k]
+    return kernel
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _response(row: Any, first: int, kernel: NDArray[np.float32]) -> float:
-    """Response whose kernel begins at pixel `first`."""
-    source = row[first : first + kernel.size]
+def _response(grey: NDArray[np.float32], first: int, kernel: NDArray[np.float32]) -> float:
+    """Response whose kernel begins at entry `first`."""
+    source = grey[first : first + kernel.size]
     total = np.float32(0.0)
     for k in range(kernel.size):
-        total += kernel[k] * np.float32(source[k])
+        total += kernel[k] * source[k]
     return float(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _load(row: Any, first: int, count: int, grey: NDArray[np.float32]) -> None:
+    """Pixels of a row from `first` on into the first entries of `grey`."""
+    out, source = grey[:count], row[first : first + count]
+    for k in range(count):
+        out[k] = np.float32(source[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
     image: Any,
+    view: Index,
     box: int,
     weights: NDArray[np.float32],
     contrast: float,
@@ -64,7 +68,7 @@ def follow(
 
     Parameters
     ----------
-    image, box, weights, contrast
+    image, view, box, weights, contrast
         As for `scan_rows`.
     step
         Rows between the scanned rows.
@@ -76,12 +80,14 @@ def follow(
     table, starts
         The same chains, every row; a chain whose ridge is seldom seen between the scanned rows is left out.
     """
-    height, width = image.shape
-    kernels = _whole_kernels(weights)
-    flank = 2 * box
-    margin = max(weights.size, flank + 2) + 1 + _ASIDE
-    if width < 2 * kernels.shape[1]:
-        return np.empty((0, COLUMNS)), np.zeros(1, np.int64)
+    width, height = view[2] - view[0], view[3] - view[1]
+    kernel = _whole_kernel(weights)
+    half, flank = weights.size, 2 * box
+    reach = max(half, flank + 1)  # on either side of a response
+    margin = reach + 2 + _ASIDE
+    # Whole registers; what lies behind the last pixel meets only the zeros of the kernel.
+    count = (2 * margin + _LANES) // _LANES * _LANES
+    grey = np.zeros(count + kernel.size, np.float32)
     room = 0
     for c in range(starts.size - 1):
         room += int(table[starts[c + 1] - 1, Y] - table[starts[c], Y]) + step + 1
@@ -98,33 +104,31 @@ def follow(
             while i < last - 1 and table[i + 1, Y] <= y:
                 i += 1
             lean = (table[i + 1, X] - table[i, X]) / (table[i + 1, Y] - table[i, Y])
-            expected = table[i, X] + lean * (y - table[i, Y])
-            x = int(np.floor(expected))
-            if x < margin or x + 1 >= width - margin:
+            x = int(np.floor(table[i, X] + lean * (y - table[i, Y])))
+            if x < margin or x + margin >= width or width < count:
                 continue
-            row = image[y]
-            side = 0 if 2 * x < width else 1
-            kernel = kernels[side]
-            half = weights.size + side * (kernel.size - 2 * weights.size - 1)
-            # The response falls through zero between x and x + 1: walk there.
-            b, c1 = _response(row, x - half, kernel), _response(row, x + 1 - half, kernel)
+            corner = min(x - margin, width - count)
+            _load(row_of(image, view, y), corner, count, grey)
+            # The response falls through zero between m and m + 1: walk there.
+            m = x - corner
+            b, c1 = _response(grey, m - half, kernel), _response(grey, m + 1 - half, kernel)
             for _ in range(_ASIDE):
                 if c1 > 0.0:
-                    x += 1
-                    b, c1 = c1, _response(row, x + 1 - half, kernel)
+                    m += 1
+                    b, c1 = c1, _response(grey, m + 1 - half, kernel)
                 elif b <= 0.0:
-                    x -= 1
-                    b, c1 = _response(row, x - half, kernel), b
+                    m -= 1
+                    b, c1 = _response(grey, m - half, kernel), b
             if not (b > 0.0 and c1 <= 0.0):
                 continue
-            centre = 0.25 * (float(row[x - 1]) + float(row[x]) + float(row[x + 1]) + float(row[x + 2]))
-            left = (float(row[x - flank - 1]) + float(row[x - flank]) + float(row[x - flank + 1])) / 3.0
-            right = (float(row[x + flank]) + float(row[x + flank + 1]) + float(row[x + flank + 2])) / 3.0
+            centre = 0.25 * float(grey[m - 1] + grey[m] + grey[m + 1] + grey[m + 2])
+            left = float(grey[m - flank - 1] + grey[m - flank] + grey[m - flank + 1]) / 3.0
+            right = float(grey[m + flank] + grey[m + flank + 1] + grey[m + flank + 2]) / 3.0
             if centre - max(left, right) < contrast:
                 continue
-            a, d = _response(row, x - 1 - half, kernel), _response(row, x + 2 - half, kernel)
+            a, d = _response(grey, m - 1 - half, kernel), _response(grey, m + 2 - half, kernel)
             point = out[n]
-            point[X] = x + zero_of_cubic(a, b, c1, d)
+            point[X] = corner + m + zero_of_cubic(a, b, c1, d)
             point[Y] = y
             point[STRENGTH] = b - c1
             point[LEVEL] = centre

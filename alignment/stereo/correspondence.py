@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
-from numba.typed import List
 from numpy.typing import NDArray
 
 from alignment.imaging.lines import LEAST_SINE, LightLines
@@ -18,7 +17,7 @@ from alignment.values import HeadCalibration
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_BRIDGE_PX = 3.0  # longest gap of a right line that is interpolated over
+_BRIDGE_PX = 5.0  # longest gap of a right line that is interpolated over
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +166,11 @@ def _match(
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _match_all(
-    pixels: Any,
-    starts: Any,
-    sigmas: Any,
+    pixels: Array,
+    starts: Index,
+    sigmas: Array,
+    first_points: Index,
+    first_lines: Index,
     packed: Array,
     turns: Array,
     rotations: Array,
@@ -184,24 +185,59 @@ def _match_all(
     indices: Index,
     counts: Index,
 ) -> None:
-    """All heads; images 2k and 2k + 1 are the left and the right one of head k."""
-    images = len(pixels)
-    longest = 0
-    for k in range(images):
-        longest = max(longest, pixels[k].shape[0])
-    uv, sine = np.empty((images, longest, 2)), np.empty((images, longest))
+    """All heads; images 2k and 2k + 1 are the left and the right one of head k.
+
+    The tables of the images stand one behind the other: the points of image i from `first_points[i]` on, the
+    starts of its lines, which count from its first point, from `first_lines[i]` on.
+    """
+    uv, sine = np.empty_like(pixels), np.empty_like(sigmas)
+    images = first_points.size - 1
     for index in prange(images):
         i = np.int64(index)
-        rectify(pixels[i], packed[i], turns[i], uv[i])
-        _line_slopes(uv[i], starts[i], sine[i])
+        lo, hi = first_points[i], first_points[i + 1]
+        rectify(pixels[lo:hi], packed[i], turns[i], uv[lo:hi])
+        _line_slopes(uv[lo:hi], starts[first_lines[i] : first_lines[i + 1]], sine[lo:hi])
     for head in prange(images // 2):
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
+        a, b, c = first_points[left], first_points[right], first_points[right + 1]
         counts[head, 0], counts[head, 1] = _match(
-            uv[left], starts[left], sine[left], sigmas[left],
-            uv[right], starts[right], sine[right], sigmas[right],
+            uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b],
+            uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c],
             rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
             flattest, bridge[head], points[head], rays[head], sigma[head], indices[head],
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """Tables of the heads' cameras, as the kernels want them; by image or by head."""
+
+    focal: Array
+    packed: Array
+    turns: Array
+    rotations: Array
+    origins: Array
+    baselines: Array
+
+
+@lru_cache(maxsize=32)
+def _geometry(heads: tuple[HeadCalibration, ...]) -> _Geometry:
+    frames = [Rectification.of(head.left, head.right) for head in heads]
+    cameras = [camera for head in heads for camera in head.cameras]
+    return _Geometry(
+        focal=np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras]),
+        packed=np.array([camera.model.packed() for camera in cameras]),
+        turns=np.array(
+            [
+                frame.rectified_from_rig @ camera.rig_from_camera.rotation
+                for frame, head in zip(frames, heads, strict=True)
+                for camera in head.cameras
+            ]
+        ),
+        rotations=np.array([frame.rectified_from_rig.T for frame in frames]),
+        origins=np.array([frame.origin for frame in frames]),
+        baselines=np.array([frame.baseline for frame in frames]),
+    )
 
 
 def match_heads(
@@ -225,33 +261,28 @@ def match_heads(
     list of Candidates
         All intersections inside the depth range; a point may have several, or none.
     """
-    frames = [Rectification.of(head.left, head.right) for head in heads]
+    geometry = _geometry(tuple(heads))
     every = [each for pair in lines for each in pair]
-    cameras = [camera for head in heads for camera in head.cameras]
-    focal = np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras])
-    capacity = 4 * max(len(each.points) for each in every) + 1024
+    numbers = [len(each.points) for each in every]
+    capacity = 4 * max(numbers) + 1024
     points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
     sigma = np.empty((len(heads), capacity))
     indices = np.empty((len(heads), 3, capacity), np.int64)
     counts = np.zeros((len(heads), 2), np.int64)
     _match_all(
-        List([each.points for each in every]),
-        List([each.starts for each in every]),
-        List([each.sigma / f for each, f in zip(every, focal, strict=True)]),
-        np.array([camera.model.packed() for camera in cameras]),
-        np.array(
-            [
-                frame.rectified_from_rig @ camera.rig_from_camera.rotation
-                for frame, head in zip(frames, heads, strict=True)
-                for camera in head.cameras
-            ]
-        ),
-        np.array([frame.rectified_from_rig.T for frame in frames]),
-        np.array([frame.origin for frame in frames]),
-        np.array([frame.baseline for frame in frames]),
+        np.concatenate([each.points for each in every]),
+        np.concatenate([each.starts for each in every]),
+        np.concatenate([each.sigma for each in every]) / np.repeat(geometry.focal, numbers),
+        np.cumsum([0, *numbers]),
+        np.cumsum([0, *(len(each.starts) for each in every)]),
+        geometry.packed,
+        geometry.turns,
+        geometry.rotations,
+        geometry.origins,
+        geometry.baselines,
         (float(depth_range[0]), float(depth_range[1])),
         LEAST_SINE,
-        _BRIDGE_PX / focal[::2],
+        _BRIDGE_PX / geometry.focal[::2],
         points,
         rays,
         sigma,

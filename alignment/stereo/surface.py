@@ -143,7 +143,8 @@ def plane_hypotheses(
     first = np.flatnonzero(np.r_[True, group[1:] != group[:-1]])
     last = np.r_[first[1:], len(group)]
     chosen = slice(None, None, max(1, len(first) // _SAMPLES))
-    rows = np.concatenate([np.arange(a, b) for a, b in zip(first[chosen], last[chosen], strict=True)])
+    begin, count = first[chosen], last[chosen] - first[chosen]
+    rows = np.arange(count.sum()) + np.repeat(begin - np.r_[0, np.cumsum(count)[:-1]], count)
     lo, hi = depth_range
     heights = np.linspace(lo, hi, max(2, round((hi - lo) / _Z_STEP)))
     planes, scores = _grow_all(

@@ -57,12 +57,16 @@ def _sums(
         move[1], move[2], move[3], move[4] = x, y, outward * x, outward * y
         h, ring = head[i], int((rho - start) / _RING)
         ring_right[ring, h] += w * residuals[i]
+        of_ring, of_head = ring_moves[ring, h], square[h]
         for a in range(_MOVES):
             wa = w * move[a]
-            ring_moves[ring, h, a] += wa
+            of_ring[a] += wa
             right[h, a] += wa * residuals[i]
-            for b in range(_MOVES):
-                square[h, a, b] += wa * move[b]
+            for b in range(a + 1):
+                of_head[a, b] += wa * move[b]
+    for a in range(_MOVES):
+        for b in range(a):
+            square[:, b, a] = square[:, a, b]
     return square, right, ring_moves, ring_right
 
 

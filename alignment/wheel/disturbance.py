@@ -17,11 +17,12 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _GROSS = 5.0  # robust deviations: not of the surface at all
-_BESIDE_GROSS = 5  # points next to a gross one that its edge may have drawn along
+_BESIDE_GROSS = 2  # points next to a gross one that its edge may have drawn along
 _CLIP = 8.0  # robust deviations; more counts no more in a mean
-_HALF_WINDOW = 12  # points on either side in a mean along the line
+_HALF_WINDOW = 8  # points on either side in a mean along the line
 _SHARED = 4.5  # robust deviations of such means: more is a shift
-_BESIDE_SHARED = 8
+_BESIDE_SHARED = 4
+_SAMPLE = 2000  # means that show their scatter
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,7 +80,7 @@ def undisturbed(ratio: Array, inside: Mask, line: Index, scale: float) -> Mask:
         first = last
     if found == 0:
         return keep
-    limit = _SHARED * 1.4826 * np.median(sample[:found])
+    limit = _SHARED * 1.4826 * np.median(sample[: found : max(1, found // _SAMPLE)])
     for i in range(n):
         bad[i] = mean[i] > limit
     _clear_around(bad, line, _BESIDE_SHARED, keep)

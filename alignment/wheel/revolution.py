@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
+from alignment.stereo.pool import take_points
 from alignment.wheel import revolution_kernels as kernels
 from alignment.wheel.disturbance import undisturbed
 from alignment.wheel.revolution_kernels import AXIS, FEWEST
@@ -31,7 +32,7 @@ Index = NDArray[np.int64]
 
 _TUKEY = 4.0  # in robust standard deviations; small, because letters and ring edges are not noise
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
-_CLEANINGS = 2  # times that disturbed stretches are looked for
+_CLEANINGS = (1, 4)  # most iterations after each look for disturbed stretches
 _SETTLED = 4e-7  # radians, 0.0014′; the next step would be several times smaller
 
 
@@ -137,9 +138,9 @@ def fit_revolution(
     state = _State(frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
     # A rough profile on few points first, then the fine one, at last on all points.
     for thin, step, first_cut, iterations, settled in (
-        (max(1, n // 2000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
-        (max(1, n // 4000), 2.0 * knot_step, 1.0, 3, 20.0 * _SETTLED),
-        (1, knot_step, 1.0, 3 if line is not None else 5, _SETTLED),
+        (max(1, n // 1000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
+        (max(1, n // 2000), 2.0 * knot_step, 1.0, 2, 20.0 * _SETTLED),
+        (1, knot_step, 1.0, 2 if line is not None else 5, _SETTLED),
     ):
         data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
         state.step = step
@@ -149,10 +150,10 @@ def fit_revolution(
         settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled)
     kept = np.arange(n)
     if line is not None:
-        for _ in range(_CLEANINGS):
+        for iterations in _CLEANINGS:
             keep = undisturbed(data.values / data.deviation, data.first >= 0, line[kept], scale)
-            kept, data = kept[keep], _Data.of(data.points[keep], data.sigma[keep], data.rays[keep])
-            settles, scale = data.iterate(state, 1.0, scale_floor, 3, _SETTLED)
+            kept, data = kept[keep], _Data.of(*take_points(keep, data.points, data.sigma, data.rays))
+            settles, scale = data.iterate(state, 1.0, scale_floor, iterations, _SETTLED)
     if not settles:
         _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
     weights, residuals = np.zeros(n), np.full(n, np.nan)

@@ -9,10 +9,11 @@ from tests.alignment.imaging.grids import slanted_grid
 
 
 def scanned(image: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
-    contrast = contrast_of(image, 8)
-    width, _, _ = line_width(image, np.ascontiguousarray(image.T), contrast)
+    view = ridges.whole(image)
+    contrast = contrast_of(image, view, 8)
+    width, _, _ = line_width(image, view, contrast)
     weights, box = ridges.derivative_weights(1.4 * width), max(2, round(1.6 * width))
-    table, rows = ridges.scan_rows(image, box, weights, contrast, step)
+    table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
     order, starts = ridges.link_rows(table, rows, step, 1.5, 12, 4)
     return table[order], starts, box, weights, contrast
 
@@ -23,7 +24,7 @@ def test_followed_lines_have_the_points_that_a_scan_of_every_row_finds(slope: fl
     image = slanted_grid(slope, noise=1.5, flat=False)
     every, _, _, _, _ = scanned(image, 1)
     coarse, starts, box, weights, contrast = scanned(image, step)
-    table, _ = follow(image, box, weights, contrast, step, coarse, starts)
+    table, _ = follow(image, ridges.whole(image), box, weights, contrast, step, coarse, starts)
     known = {(int(y), round(x, 3)) for x, y in every[:, :2]}
     found = {(int(y), round(x, 3)) for x, y in table[:, :2]}
     assert len(found & known) > 0.99 * len(found)
@@ -33,7 +34,7 @@ def test_followed_lines_have_the_points_that_a_scan_of_every_row_finds(slope: fl
 def test_no_point_is_found_twice() -> None:
     image = slanted_grid(0.2, noise=1.5)
     coarse, starts, box, weights, contrast = scanned(image, 4)
-    table, _ = follow(image, box, weights, contrast, 4, coarse, starts)
+    table, _ = follow(image, ridges.whole(image), box, weights, contrast, 4, coarse, starts)
     assert len(np.unique(table[:, :2], axis=0)) == len(table)
 
 
@@ -53,6 +54,6 @@ def test_a_chain_that_is_no_line_between_the_scanned_rows_is_left_out() -> None:
     image[np.arange(len(image)) % 4 != 0] = 10
     coarse, starts, box, weights, contrast = scanned(image, 4)
     assert len(starts) > 1
-    table, kept = follow(image, box, weights, contrast, 4, coarse, starts)
+    table, kept = follow(image, ridges.whole(image), box, weights, contrast, 4, coarse, starts)
     assert len(table) == 0
     assert len(kept) == 1

@@ -1,0 +1,110 @@
+"""Points of all heads in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.kernels import njit
+from alignment.stereo.correspondence import Candidates
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_STRETCH = 13  # line points that count as one cluster
+
+
+@dataclass(frozen=True, eq=False)
+class PointPool:
+    """Points of all heads, head after head, each in the order of lines and line points.
+
+    Attributes
+    ----------
+    points, sigma, rays
+        (N, 3), (N,), (N, 3) of `Candidates`.
+    group
+        (N,) number of the left line point; its candidates stand together.
+    cluster
+        (N,) number of the stretch of a line.
+    line
+        (N,) number of the line.
+    head
+        (N,) number of the head.
+    """
+
+    points: Array
+    sigma: Array
+    rays: Array
+    group: Index
+    cluster: Index
+    line: Index
+    head: Index
+
+    @classmethod
+    def of(cls, matched: Sequence[Candidates]) -> PointPool:
+        """Put the candidates of all heads together."""
+        groups, lines, stretches, heads = [], [], [], []
+        next_group = next_line = 0
+        for k, c in enumerate(matched):
+            groups.append(c.left_point + next_group)
+            # Candidates stand in the order of lines and points: another stretch begins where either changes.
+            lines.append(c.left_line + next_line)
+            stretches.append(lines[-1] * 65536 + c.left_point // _STRETCH)
+            heads.append(np.full(len(c.points), k))
+            next_group += int(c.left_point.max()) + 1
+            next_line += int(c.left_line.max()) + 1
+        stretch = np.concatenate(stretches)
+        return cls(
+            points=np.concatenate([c.points for c in matched]),
+            sigma=np.concatenate([c.sigma for c in matched]),
+            rays=np.concatenate([c.rays for c in matched]),
+            group=np.concatenate(groups),
+            cluster=np.concatenate([[0], np.cumsum(stretch[1:] != stretch[:-1])]),
+            line=np.concatenate(lines),
+            head=np.concatenate(heads),
+        )
+
+    def where(self, mask: Mask) -> PointPool:
+        """Return the points of a mask (N,)."""
+        return PointPool(
+            *take_points(mask, self.points, self.sigma, self.rays),
+            *take_numbers(mask, np.stack([self.group, self.cluster, self.line, self.head])),
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def take_points(mask: Mask, points: Array, sigma: Array, rays: Array) -> tuple[Array, Array, Array]:
+    """Points, deviations and rays of a mask (N,); many times faster than three masked copies."""
+    n = 0
+    for i in range(mask.size):
+        n += mask[i]
+    out, out_sigma, out_rays = np.empty((n, 3)), np.empty(n), np.empty((n, 3))
+    k = 0
+    for i in range(mask.size):
+        if mask[i]:
+            for a in range(3):
+                out[k, a] = points[i, a]
+                out_rays[k, a] = rays[i, a]
+            out_sigma[k] = sigma[i]
+            k += 1
+    return out, out_sigma, out_rays
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def take_numbers(mask: Mask, table: Index) -> Index:
+    """Columns of a table (K, N) of a mask (N,)."""
+    n = 0
+    for i in range(mask.size):
+        n += mask[i]
+    out = np.empty((table.shape[0], n), np.int64)
+    k = 0
+    for i in range(mask.size):
+        if mask[i]:
+            for a in range(table.shape[0]):
+                out[a, k] = table[a, i]
+            k += 1
+    return out
