@@ -197,7 +197,11 @@ def enumerations_of(module: str) -> dict[str, type]:
 
 
 def main(modules: list[str]) -> int:
-    """Try all mutants of some modules; exit status 1 when one survives."""
+    """Try all mutants of some modules; exit status 1 when one survives, 2 for an unknown module."""
+    unknown = [module for module in modules if module not in TESTS]
+    if unknown:
+        sys.stderr.write(f"{unknown[0]}: not a module to mutate; these are: {', '.join(TESTS)}\n")
+        return 2
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     for name in PRELOADED:

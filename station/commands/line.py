@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from station.config import Configuration
     from station.line.channel import BusSettings
-    from station.line.conformance import Trial, Vehicles, Verdict
     from station.line.dbc import LineDatabase
     from station.line.orders import PlcOrder, PlcResult
+    from station.line.trial import Trial, Vehicles, Verdict
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
 
@@ -110,7 +110,8 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Try out on a station everything that the line interface demands; exit status 1 unless all is passed."""
-    from station.line.conformance import Vehicles, check_station
+    from station.line.conformance import check_station
+    from station.line.trial import Vehicles
     from station.line.vin import checked_vin
 
     vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s)
@@ -240,9 +241,9 @@ def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> 
 @contextmanager
 def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) -> Iterator[Trial]:
     from station.line.bus import open_bus
-    from station.line.conformance import Trial
     from station.line.orders import PlcTimeouts
     from station.line.plc import PlcSimulator
+    from station.line.trial import Trial
 
     timeouts = PlcTimeouts(done_s=vehicles.patience_s)
     with open_bus(settings) as bus, PlcSimulator(bus, database, timeouts=timeouts) as simulator:

@@ -16,7 +16,8 @@ from pydantic import Field, model_validator
 
 from alignment.errors import DegenerateInputError
 from sensors.formats.validation import StrictModel
-from station.line.conformance import POINTS, Trial, Vehicles, Verdict, point_named, try_point
+from station.line.conformance import POINTS, point_named, try_point
+from station.line.trial import Trial, Vehicles, Verdict
 from station.toml import read_toml
 
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")]

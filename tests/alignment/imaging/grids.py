@@ -17,14 +17,13 @@ def slanted_grid(
     background: float = 8.0,
     noise: float = 0.0,
     curvature: float = 0.0,
-    modulation: float = 0.0,
     seed: int = 0,
     size: tuple[int, int] = (480, 640),
     flat: bool = True,
 ) -> NDArray[np.uint8]:
     """Steep lines x = k·pitch + slope·y + curvature·y²/2 and flat ones y = k·pitch − slope·x.
 
-    Cross profiles are Gaussian across the line; `modulation` changes the light along the steep lines.
+    Cross profiles are Gaussian across the line.
     """
     y, x = np.mgrid[: size[0], : size[1]].astype(float)
     image = np.full(size, background)
@@ -32,9 +31,7 @@ def slanted_grid(
         centre = steep_centre(k, y, slope, pitch, curvature)
         local = slope + curvature * y
         across = (x - centre) / np.hypot(1.0, local)
-        along = y * np.hypot(1.0, local) + (x - centre) * local / np.hypot(1.0, local)
-        light = amplitude * (1.0 + modulation * np.sin(along / 12.0))
-        image += light * np.exp(-0.5 * (across / sigma) ** 2)
+        image += amplitude * np.exp(-0.5 * (across / sigma) ** 2)
         if flat:
             across = (y - (k * pitch - slope * x)) / np.hypot(1.0, slope)
             image = np.maximum(image, background + amplitude * np.exp(-0.5 * (across / sigma) ** 2))

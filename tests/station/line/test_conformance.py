@@ -9,7 +9,7 @@ import pytest
 
 from alignment.errors import ConfigurationError
 from station.line.bus import open_bus
-from station.line.conformance import POINTS, Trial, Vehicles, check_station, point_named, try_point
+from station.line.conformance import POINTS, check_station, point_named, try_point
 from station.line.dbc import LineDatabase
 from station.line.document import interface_document
 from station.line.error_codes import MEANINGS
@@ -19,6 +19,7 @@ from station.line.options import LineOptions
 from station.line.orders import PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.line.scenarios import play_scenarios, read_scenarios
+from station.line.trial import Trial, Vehicles
 from station.rehearsal.simulated import simulated_station
 
 ROOT = Path(__file__).resolve().parents[3]
