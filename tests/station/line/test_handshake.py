@@ -428,3 +428,10 @@ def test_content_of_a_command_that_has_none_does_not_matter() -> None:
 def test_rules_commands_and_replies_cannot_be_changed(value: object) -> None:
     with pytest.raises(FrozenInstanceError):
         value.refusal = value.trouble = LineErrorCode.BUSY  # type: ignore[attr-defined]
+
+
+def test_a_station_that_was_just_started_has_the_number_of_no_vehicle() -> None:
+    handshake = Handshake()
+    assert handshake.state is State.STARTING
+    assert handshake.sequence == 0
+    assert handshake.reply.answer is Answer.NONE
