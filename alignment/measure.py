@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _GOOD_SCALE = 3.0  # residuals in units of the image noise below which no other hypothesis needs a look
-_FEW_OF_MEDIAN = 0.3  # of the points that the middle one of the heads has on the wheel
+_FEW_OF_MEDIAN = 0.3  # of the weight that the points of the middle one of the heads have
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
@@ -233,9 +233,8 @@ def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis) -> _Surface:
 
 def _one_head_is_off(surface: _Surface) -> bool:
     """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    head = surface.points.head
-    counts = np.bincount(head, weights=surface.fit.weights > 0, minlength=int(head.max()) + 1)
-    return bool(counts.min() < _FEW_OF_MEDIAN * np.median(counts))
+    weights = np.sort(np.bincount(surface.points.head, weights=surface.fit.weights))
+    return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
 
 
 def _without_intruder(pool: PointPool, surface: _Surface) -> _Surface:

@@ -121,16 +121,15 @@ def extract_many(
         crosses,
         counts,
     )
+    corners = views[:, :2].astype(np.float64)
     return [
         _lines(*tables, *numbers)
-        for *tables, numbers in zip(
-            points, tangents, noise, starts, crosses, views[:, :2], counts, strict=True
-        )
+        for *tables, numbers in zip(points, tangents, noise, starts, crosses, corners, counts, strict=True)
     ]
 
 
 def _lines(
-    points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array, corner: Index,
+    points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array, corner: Array,
     number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int,
 ) -> LightLines | None:  # fmt: skip
     if milliwidth == 0:

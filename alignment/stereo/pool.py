@@ -72,7 +72,7 @@ class PointPool:
         """Return the points of a mask (N,)."""
         return PointPool(
             *take_points(mask, self.points, self.sigma, self.rays),
-            *take_numbers(mask, np.stack([self.group, self.cluster, self.line, self.head])),
+            *(take_numbers(mask, each) for each in (self.group, self.cluster, self.line, self.head)),
         )
 
 
@@ -95,16 +95,15 @@ def take_points(mask: Mask, points: Array, sigma: Array, rays: Array) -> tuple[A
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def take_numbers(mask: Mask, table: Index) -> Index:
-    """Columns of a table (K, N) of a mask (N,)."""
+def take_numbers(mask: Mask, numbers: Index) -> Index:
+    """Return the numbers of a mask (N,)."""
     n = 0
     for i in range(mask.size):
         n += mask[i]
-    out = np.empty((table.shape[0], n), np.int64)
+    out = np.empty(n, np.int64)
     k = 0
     for i in range(mask.size):
         if mask[i]:
-            for a in range(table.shape[0]):
-                out[a, k] = table[a, i]
+            out[k] = numbers[i]
             k += 1
     return out

@@ -184,7 +184,7 @@ def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     )
     # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
     root = np.sqrt(data.tukey)
-    information = float((root * (5.0 * root - 4.0))[root > 0].sum() / data.tukey.sum())
+    information = float((root * (5.0 * root - 4.0)).sum() / data.tukey.sum())
     # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
     freedom = used / max(used - size, 0.2 * used)
     covariance: Array = square * freedom / max(information, 0.3) ** 2

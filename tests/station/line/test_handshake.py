@@ -435,3 +435,8 @@ def test_a_station_that_was_just_started_has_the_number_of_no_vehicle() -> None:
     assert handshake.state is State.STARTING
     assert handshake.sequence == 0
     assert handshake.reply.answer is Answer.NONE
+
+
+def test_the_same_command_heard_again_later_is_the_same_command() -> None:
+    assert replace(START, received_s=2.5) == START
+    assert replace(START, sequence=OTHER) != START
