@@ -158,7 +158,7 @@ def run(
     for table, entry in tables.items():
         say("  " + f"{table:15}" + "".join(f" {value:>14,.0f} {unit}" for unit, value in entry.items()))
     cycles = wheel_results // len(WHEELS)
-    with ResultReader(url) as reader:
+    with ResultReader(url, timeout_s=600.0) as reader:
         started = time.monotonic()
         with reader.transaction() as connection:
             last_day = int((END - timedelta(days=3)).timestamp()) // 3600
