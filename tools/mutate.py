@@ -43,6 +43,9 @@ EQUIVALENT: dict[tuple[str, str], str] = {
     ("station.line.handshake", "False -> True: self._final = False"): (
         "before the first command the reply is to none, and no command is equal to it"
     ),
+    ("station.line.handshake", "True -> False: return dict(zip(Request, rules, strict=True))"): (
+        "every row of the table that stands there has a rule for each request"
+    ),
 }
 _SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Eq: ast.NotEq,
