@@ -31,7 +31,7 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
-from alignment.wheel.agreement import head_misfits
+from alignment.wheel.agreement import head_misfits, head_sums
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from alignment.wheel.ridges import fit_ridges
@@ -233,7 +233,8 @@ def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis) -> _Surface:
 
 def _one_head_is_off(surface: _Surface) -> bool:
     """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    weights = np.sort(np.bincount(surface.points.head, weights=surface.fit.weights))
+    head, fit = surface.points.head, surface.fit
+    weights = np.sort(head_sums(head, int(head[-1]) + 1, fit.weights, fit.residuals)[1])
     return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
 
 
@@ -274,10 +275,7 @@ def _evaluate(
 ) -> WheelMeasurement | Refusal:
     fit, pool = surface.fit, surface.points
     head, used = pool.head, fit.weights > 0
-    squares = np.where(used, fit.weights * np.square(fit.residuals), 0.0)
-    numbers, weights, misfit = (
-        np.bincount(head, weights=each, minlength=len(matched)) for each in (used, fit.weights, squares)
-    )
+    numbers, weights, misfit = head_sums(head, len(matched), fit.weights, fit.residuals)
     qualities = []
     for k, (candidates, camera_pair) in enumerate(zip(matched, calibration.heads, strict=True)):
         count = int(numbers[k])

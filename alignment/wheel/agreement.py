@@ -70,6 +70,19 @@ def _sums(
     return square, right, ring_moves, ring_right
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def head_sums(head: Index, heads: int, weights: Array, residuals: Array) -> tuple[Array, Array, Array]:
+    """Of each head: points with weight, their weight, and weighted sum of squared residuals, (H,) each."""
+    numbers, total, squares = np.zeros(heads), np.zeros(heads), np.zeros(heads)
+    for i in range(head.size):
+        w = weights[i]
+        if w > 0.0:
+            numbers[head[i]] += 1.0
+            total[head[i]] += w
+            squares[head[i]] += w * residuals[i] ** 2
+    return numbers, total, squares
+
+
 def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> Array:
     """Part of the residuals that a movement of each head explains, RMS over its points, (H,) millimetres.
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.kernels import njit, prange
+from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -17,8 +17,6 @@ FEWEST = 50  # points within the profile for a fit
 ACROSS = 0.035  # mm; where the surface bends and shines, light and shape shift a point's place on the slope
 _SIXTH = 1.0 / 6.0
 _MEDIAN_POINTS = 1000  # make a start profile
-_PARTS = 2  # of the points, one a core; a fixed number, so that sums do not depend on the machine
-_WORTH_SHARING = 2000  # points; fewer are done before another core has started
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -69,7 +67,7 @@ def heights(points: Array, centre: Array, frame: Array, start: float, step: floa
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rows(
+def rows(
     points: Array,
     sigma: Array,
     rays: Array,
@@ -83,6 +81,10 @@ def _rows(
     jacobian: Array,
     first: Index,
 ) -> None:
+    """Residual, its deviation, derivatives (4 axis, 4 spline), first spline index of each point.
+
+    A point errs along its ray, by `sigma`, and a little across the slope.
+    """
     per_step = 1.0 / step
     for i in range(points.shape[0]):
         qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
@@ -116,69 +118,13 @@ def _rows(
         row[4], row[5], row[6], row[7] = -b0, -b1, -b2, -b3
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _rows_of_parts(
-    points: Array,
-    sigma: Array,
-    rays: Array,
-    centre: Array,
-    frame: Array,
-    start: float,
-    step: float,
-    profile: Array,
-    values: Array,
-    deviation: Array,
-    jacobian: Array,
-    first: Index,
-) -> None:
-    n = points.shape[0]
-    for part in prange(_PARTS):
-        lo, hi = part * n // _PARTS, (part + 1) * n // _PARTS
-        _rows(
-            points[lo:hi], sigma[lo:hi], rays[lo:hi], centre, frame, start, step, profile, values[lo:hi],
-            deviation[lo:hi], jacobian[lo:hi], first[lo:hi],
-        )  # fmt: skip
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def rows(
-    points: Array,
-    sigma: Array,
-    rays: Array,
-    centre: Array,
-    frame: Array,
-    start: float,
-    step: float,
-    profile: Array,
-    values: Array,
-    deviation: Array,
-    jacobian: Array,
-    first: Index,
-) -> None:
-    """Residual, its deviation, derivatives (4 axis, 4 spline), first spline index of each point.
-
-    A point errs along its ray, by `sigma`, and a little across the slope.
-    """
-    if points.shape[0] < _WORTH_SHARING:
-        _rows(points, sigma, rays, centre, frame, start, step, profile, values, deviation, jacobian, first)
-    else:
-        _rows_of_parts(
-            points, sigma, rays, centre, frame, start, step, profile, values, deviation, jacobian, first
-        )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _add_up(
-    values: Array,
-    weight: Array,
-    jacobian: Array,
-    first: Index,
-    corner: Array,
-    side: Array,
-    band: Array,
-    right: Array,
-) -> None:
-    """Add the points' part of the normal equations; of `corner` only the lower half."""
+def normal_equations(
+    values: Array, weight: Array, jacobian: Array, first: Index, knots: int
+) -> tuple[Array, Array, Array, Array]:
+    """Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, right side."""
+    corner, side = np.zeros((AXIS, AXIS)), np.zeros((knots, AXIS))
+    band, right = np.zeros((knots, 4)), np.zeros(AXIS + knots)
     for i in range(values.size):
         w = weight[i]
         if w <= 0.0:
@@ -196,48 +142,10 @@ def _add_up(
                 side[k + a, b] += wa * row[b]
             for b in range(a + 1):
                 band[k + b, a - b] += wa * row[AXIS + b]
-
-
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _add_up_parts(
-    values: Array,
-    weight: Array,
-    jacobian: Array,
-    first: Index,
-    corner: Array,
-    side: Array,
-    band: Array,
-    right: Array,
-) -> None:
-    n = values.size
-    for part in prange(_PARTS):
-        lo, hi = part * n // _PARTS, (part + 1) * n // _PARTS
-        _add_up(
-            values[lo:hi], weight[lo:hi], jacobian[lo:hi], first[lo:hi],
-            corner[part], side[part], band[part], right[part],
-        )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def normal_equations(
-    values: Array, weight: Array, jacobian: Array, first: Index, knots: int
-) -> tuple[Array, Array, Array, Array]:
-    """Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, right side."""
-    corner, side = np.zeros((_PARTS, AXIS, AXIS)), np.zeros((_PARTS, knots, AXIS))
-    band, right = np.zeros((_PARTS, knots, 4)), np.zeros((_PARTS, AXIS + knots))
-    if values.size < _WORTH_SHARING:
-        _add_up(values, weight, jacobian, first, corner[0], side[0], band[0], right[0])
-    else:
-        _add_up_parts(values, weight, jacobian, first, corner, side, band, right)
-        for part in range(1, _PARTS):
-            corner[0] += corner[part]
-            side[0] += side[part]
-            band[0] += band[part]
-            right[0] += right[part]
     for a in range(AXIS):
         for b in range(a):
-            corner[0, b, a] = corner[0, a, b]
-    return corner[0], side[0], band[0], right[0]
+            corner[b, a] = corner[a, b]
+    return corner, side, band, right
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,4 +1,7 @@
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,3 +138,15 @@ def test_too_few_points_are_refused() -> None:
     points, cluster, _ = wheel_points((0.0, 0.0), (0.0, 0.0), np.random.default_rng(0), count=30)
     with pytest.raises(DegenerateInputError, match="at least 50"):
         fit(points, cluster)
+
+
+def test_a_process_that_does_nothing_but_fit_a_wheel_ends_well() -> None:
+    # Kernels that start threads bring them up when they are compiled, but not when they come from the disk.
+    code = (
+        "import numpy as np\n"
+        "from tests.alignment.wheel.test_revolution import fit, wheel_points\n"
+        "points, cluster, _ = wheel_points((0.01, -0.02), (2.0, 1.0), np.random.default_rng(1))\n"
+        "fit(points, cluster)\n"
+    )
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[3], check=True, timeout=200)
