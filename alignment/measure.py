@@ -207,7 +207,7 @@ def _best_surface(pool: PointPool, hypotheses: list[PlaneHypothesis]) -> _Surfac
             best = surface
         if best.fit.scale < _GOOD_SCALE:
             break
-    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best)):
+    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best, int(pool.head[-1]) + 1)):
         best = _without_intruder(pool, best)
     if best is None:
         return Refusal(
@@ -231,10 +231,10 @@ def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis) -> _Surface:
     return surface
 
 
-def _one_head_is_off(surface: _Surface) -> bool:
+def _one_head_is_off(surface: _Surface, heads: int) -> bool:
     """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    head, fit = surface.points.head, surface.fit
-    weights = np.sort(head_sums(head, int(head[-1]) + 1, fit.weights, fit.residuals)[1])
+    fit = surface.fit
+    weights = np.sort(head_sums(surface.points.head, heads, fit.weights, fit.residuals)[1])
     return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
 
 
