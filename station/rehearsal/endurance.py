@@ -80,8 +80,8 @@ def run_endurance(folder: Path, dbc: Path, cycles: int, progress: Callable[[int]
     """
     url, report = f"sqlite:///{folder / 'results.db'}", folder / "station.jsonl"
     results: list[tuple[int, Outcome, float | None]] = []
-    times: list[tuple[float, float, float, float]] = []
-    memory: list[tuple[float, float]] = []
+    # Filled beforehand, so that the notes of the study itself do not look like growth of the controller.
+    times, memory = np.full((cycles, 4), np.nan), np.full((cycles, 2), np.nan)
     database = load_line_database(dbc)
     with Cable() as cable:
         order = StationOrder(
@@ -96,8 +96,8 @@ def run_endurance(folder: Path, dbc: Path, cycles: int, progress: Callable[[int]
             for number in range(cycles):
                 result = plc.run(PlcOrder(vin_of(number)))
                 results.append((result.sequence, result.vehicle.outcome, result.wheels[0].camber_deg))
-                times.append(_seen(result))
-                memory.append((station.rss_mb, rss_mb()))
+                times[number] = _seen(result)
+                memory[number] = station.rss_mb, rss_mb()
                 progress(number + 1)
     commits = [line["committed_s"] for line in read_lines(report) if "committed_s" in line]
     return Endurance(
@@ -105,10 +105,10 @@ def run_endurance(folder: Path, dbc: Path, cycles: int, progress: Callable[[int]
         tuple(_wrong(results, url, len(commits))),
         tuple(
             CycleTimes(busy - started, first - committed, done - committed)
-            for (started, busy, first, done), committed in zip(times, commits, strict=False)
+            for (started, busy, first, done), committed in zip(times.tolist(), commits, strict=False)
         ),
-        tuple(station_mb for station_mb, _ in memory),
-        tuple(controller_mb for _, controller_mb in memory),
+        tuple(memory[:, 0].tolist()),
+        tuple(memory[:, 1].tolist()),
     )
 
 
