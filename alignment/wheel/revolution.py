@@ -16,15 +16,15 @@ from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import take_points
 from alignment.wheel import revolution_kernels as kernels
 from alignment.wheel.disturbance import undisturbed
-from alignment.wheel.revolution_kernels import AXIS, FEWEST
+from alignment.wheel.revolution_kernels import AXIS, DEVIATION, FEWEST, TUKEY, VALUE, WEIGHT
 from alignment.wheel.revolution_steps import (
     SETTLED,
     SINGULAR,
     TOO_FEW,
     frame_of,
     iterate,
+    matrix_of,
     solve_arrow,
-    system,
 )
 
 Array = NDArray[np.float64]
@@ -144,20 +144,19 @@ def fit_revolution(
     ):
         data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
         state.step = step
-        state.start, state.profile = kernels.local_medians(
-            data.points, data.tukey, state.centre, state.frame, step
-        )
-        settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled)
+        state.start, state.profile = kernels.local_medians(data.points, state.centre, state.frame, step)
+        settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled, renew=True)
     kept = np.arange(n)
     if line is not None:
         for iterations in _CLEANINGS:
-            keep = undisturbed(data.values / data.deviation, data.first >= 0, line[kept], scale)
+            keep = undisturbed(data.ratio, data.first >= 0, line[kept], scale)
             kept, data = kept[keep], _Data.of(*take_points(keep, data.points, data.sigma, data.rays))
             settles, scale = data.iterate(state, 1.0, scale_floor, iterations, _SETTLED)
     if not settles:
         _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
     weights, residuals = np.zeros(n), np.full(n, np.nan)
-    weights[kept], residuals[kept] = data.tukey, np.where(data.first >= 0, data.values, np.nan)
+    weights[kept] = data.table[TUKEY]
+    residuals[kept] = np.where(data.first >= 0, data.table[VALUE], np.nan)
     return RevolutionFit(
         normal=state.frame[2],
         centre=state.centre,
@@ -174,17 +173,16 @@ def fit_revolution(
 
 def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:
     """(2, 2) covariance of the two tilts, by the sandwich over clusters."""
-    corner, side, band, _ = system(data.values, data.weight, data.jacobian, data.first, state.profile)
+    corner, side, band, _ = matrix_of(data.table, data.first, len(state.profile))
     size = AXIS + len(state.profile)
     inverse = np.eye(size, 2)
     if not solve_arrow(corner, side, band, inverse):
         raise _undetermined()
-    square, used = kernels.cluster_pulls(
-        data.values, data.weight, data.jacobian, data.first, cluster, int(cluster.max()) + 1, inverse
-    )
+    square, used = kernels.cluster_pulls(data.table, data.first, cluster, int(cluster.max()) + 1, inverse)
     # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
-    root = np.sqrt(data.tukey)
-    information = float((root * (5.0 * root - 4.0)).sum() / data.tukey.sum())
+    tukey = data.table[TUKEY]
+    root = np.sqrt(tukey)
+    information = float((root * (5.0 * root - 4.0)).sum() / tukey.sum())
     # Neighbours of one stretch count as one observation, which the profile's freedom also consumes.
     freedom = used / max(used - size, 0.2 * used)
     covariance: Array = square * freedom / max(information, 0.3) ** 2
@@ -207,11 +205,13 @@ def least_covariance(points: Array, sigma: Array, rays: Array, fit: RevolutionFi
     for each in (data, still):
         kernels.rows(
             each.points, each.sigma, each.rays, fit.centre, frame, fit.knots_start, fit.knots_step,
-            fit.profile, each.values, each.deviation, each.jacobian, each.first,
+            fit.profile, each.table, each.first,
         )  # fmt: skip
-    variance = data.deviation**2 - still.deviation**2
-    weight = np.where((data.first >= 0) & (variance > 0.0), 1.0 / np.maximum(variance, 1e-30), 0.0)
-    corner, side, band, _ = system(data.values, weight, data.jacobian, data.first, fit.profile)
+    variance = data.table[DEVIATION] ** 2 - still.table[DEVIATION] ** 2
+    data.table[WEIGHT] = np.where(
+        (data.first >= 0) & (variance > 0.0), 1.0 / np.maximum(variance, 1e-30), 0.0
+    )
+    corner, side, band, _ = matrix_of(data.table, data.first, len(fit.profile))
     inverse = np.eye(AXIS + len(fit.profile), 2)
     if not solve_arrow(corner, side, band, inverse):
         raise _undetermined()
@@ -231,12 +231,8 @@ class _Data:
     points: Array
     sigma: Array
     rays: Array
-    values: Array
-    deviation: Array
+    table: Array
     first: Index
-    jacobian: Array
-    tukey: Array
-    weight: Array
 
     @classmethod
     def of(cls, points: Array, sigma: Array, rays: Array) -> _Data:
@@ -245,22 +241,31 @@ class _Data:
             np.ascontiguousarray(points),
             np.ascontiguousarray(sigma),
             np.ascontiguousarray(rays),
-            np.zeros(n),
-            np.ones(n),
+            np.zeros((kernels.ROWS, n)),
             np.zeros(n, np.int64),
-            np.zeros((n, 8)),
-            np.ones(n),
-            np.ones(n),
         )
 
+    @property
+    def ratio(self) -> Array:
+        """(N,) residual over its deviation."""
+        ratio: Array = self.table[VALUE] / self.table[DEVIATION]
+        return ratio
+
     def iterate(
-        self, state: _State, first_cut: float, floor: float, iterations: int, settled: float
+        self,
+        state: _State,
+        first_cut: float,
+        floor: float,
+        iterations: int,
+        settled: float,
+        *,
+        renew: bool = False,
     ) -> tuple[bool, float]:
         """Move the working point by Gauss–Newton steps, or only weigh for none; settled?, and the scale."""
         outcome, scale = iterate(
             self.points, self.sigma, self.rays, state.centre, state.frame, state.start, state.step,
-            state.profile, _TUKEY, first_cut, floor, iterations, settled,
-            self.values, self.deviation, self.jacobian, self.first, self.tukey, self.weight,
+            state.profile, _TUKEY, first_cut, floor, iterations, settled, renew,
+            self.table, self.first,
         )  # fmt: skip
         if outcome == TOO_FEW:
             raise DegenerateInputError(

@@ -17,6 +17,17 @@ FEWEST = 50  # points within the profile for a fit
 ACROSS = 0.035  # mm; where the surface bends and shines, light and shape shift a point's place on the slope
 _SIXTH = 1.0 / 6.0
 _MEDIAN_POINTS = 1000  # make a start profile
+_BLOCK = 256  # points
+
+#: Rows of a table (9, N) of points: residual and its deviation, millimetres; derivatives by two tilts and by
+#: two shifts of the axis; place between two knots, 0 to 1; Tukey's weight, weight of the normal equations.
+VALUE, DEVIATION, TILT, SHIFT, PLACE, TUKEY, WEIGHT = 0, 1, 2, 4, 6, 7, 8
+ROWS = 9
+#: Coefficients of t⁰ … t³ of the four basis functions.
+BASIS = (
+    np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]])
+    / 6.0
+)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -67,6 +78,19 @@ def heights(points: Array, centre: Array, frame: Array, start: float, step: floa
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _pieces(profile: Array) -> Array:
+    """Coefficients (K − 3, 4) of the profile's cubics in t, 0 to 1 from knot to knot, constant first."""
+    out = np.empty((profile.size - 3, 4))
+    for k in range(profile.size - 3):
+        p0, p1, p2, p3 = profile[k], profile[k + 1], profile[k + 2], profile[k + 3]
+        out[k, 0] = (p0 + 4.0 * p1 + p2) * _SIXTH
+        out[k, 1] = 0.5 * (p2 - p0)
+        out[k, 2] = 0.5 * (p0 - 2.0 * p1 + p2)
+        out[k, 3] = (p3 - p0 + 3.0 * (p1 - p2)) * _SIXTH
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def rows(
     points: Array,
     sigma: Array,
@@ -76,105 +100,172 @@ def rows(
     start: float,
     step: float,
     profile: Array,
-    values: Array,
-    deviation: Array,
-    jacobian: Array,
+    table: Array,
     first: Index,
 ) -> None:
-    """Residual, its deviation, derivatives (4 axis, 4 spline), first spline index of each point.
+    """Residual, its deviation, derivatives and place in the spline of each point, into `table` and `first`.
 
-    A point errs along its ray, by `sigma`, and a little across the slope.
+    A point errs along its ray, by `sigma`, and a little across the slope. `first` is the first of the four
+    coefficients that a point depends on, −1 for a point beyond the profile, whose row of the table says
+    nothing.
     """
-    per_step = 1.0 / step
-    for i in range(points.shape[0]):
-        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-        h = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-        rho = np.sqrt(x * x + y * y)
-        g = (rho - start) * per_step
-        k = int(np.floor(g))
-        if k < 0 or k + 3 >= profile.size or rho < 1.0:
-            first[i] = -1
-            continue
-        first[i] = k
-        b0, b1, b2, b3 = _basis(g - k)
-        s0, s1, s2, s3 = _basis_slope(g - k)
-        f = b0 * profile[k] + b1 * profile[k + 1] + b2 * profile[k + 2] + b3 * profile[k + 3]
-        df = (s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]) * per_step
-        values[i] = h - f
-        rx = frame[0, 0] * rays[i, 0] + frame[0, 1] * rays[i, 1] + frame[0, 2] * rays[i, 2]
-        ry = frame[1, 0] * rays[i, 0] + frame[1, 1] * rays[i, 1] + frame[1, 2] * rays[i, 2]
-        rh = frame[2, 0] * rays[i, 0] + frame[2, 1] * rays[i, 1] + frame[2, 2] * rays[i, 2]
-        outward = df / rho
-        along = sigma[i] * max(abs(rh - outward * (x * rx + y * ry)), 0.1)
-        deviation[i] = np.sqrt(along * along + (ACROSS * df) ** 2)
-        tilt = 1.0 + outward * h
-        row = jacobian[i]
-        row[0] = x * tilt
-        row[1] = y * tilt
-        row[2] = outward * x
-        row[3] = outward * y
-        row[4], row[5], row[6], row[7] = -b0, -b1, -b2, -b3
+    # By blocks that stay in the nearest cache, each step a loop without branches over a table of its own:
+    # compilers make vector instructions of that, several times faster than point after point.
+    block, interval = np.ones((12, _BLOCK)), np.zeros(_BLOCK, np.int64)
+    pieces = _pieces(profile)
+    per_step, end = 1.0 / step, float(pieces.shape[0] - 1)
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
+    for begin in range(0, points.shape[0], _BLOCK):
+        count = min(_BLOCK, points.shape[0] - begin)
+        for i in range(count):
+            for a in range(3):
+                block[a, i] = points[begin + i, a]
+                block[3 + a, i] = rays[begin + i, a]
+            block[6, i] = sigma[begin + i]
+        for i in range(_BLOCK):
+            qx, qy, qz = block[0, i] - cx, block[1, i] - cy, block[2, i] - cz
+            x = f00 * qx + f01 * qy + f02 * qz
+            y = f10 * qx + f11 * qy + f12 * qz
+            rho = math.sqrt(x * x + y * y)
+            rx, ry, rz = block[3, i], block[4, i], block[5, i]
+            block[0, i], block[1, i], block[2, i] = x, y, f20 * qx + f21 * qy + f22 * qz
+            block[3, i] = x * (f00 * rx + f01 * ry + f02 * rz) + y * (f10 * rx + f11 * ry + f12 * rz)
+            block[4, i] = f20 * rx + f21 * ry + f22 * rz
+            block[5, i] = 1.0 / max(rho, 1.0)
+            g = (rho - start) * per_step
+            floor = np.floor(g)
+            block[7, i] = g - floor
+            interval[i] = np.int64(floor if (floor >= 0.0) & (floor <= end) & (rho >= 1.0) else -1.0)
+        for i in range(_BLOCK):
+            piece = pieces[max(interval[i], 0)]
+            block[8, i], block[9, i], block[10, i], block[11, i] = piece[0], piece[1], piece[2], piece[3]
+        for i in range(_BLOCK):
+            t, c1, c2, c3 = block[7, i], block[9, i], block[10, i], block[11, i]
+            slope = (c1 + t * (2.0 * c2 + 3.0 * t * c3)) * per_step
+            x, y, h, outward = block[0, i], block[1, i], block[2, i], slope * block[5, i]
+            along = block[6, i] * max(abs(block[4, i] - outward * block[3, i]), 0.1)
+            tilt = 1.0 + outward * h
+            block[0, i] = h - (block[8, i] + t * (c1 + t * (c2 + t * c3)))
+            block[1, i] = math.sqrt(along * along + (ACROSS * slope) * (ACROSS * slope))
+            block[2, i], block[3, i] = x * tilt, y * tilt
+            block[4, i], block[5, i] = outward * x, outward * y
+        for a in range(PLACE):
+            source, target = block[a], table[a, begin : begin + count]
+            for i in range(count):
+                target[i] = source[i]
+        place = table[PLACE, begin : begin + count]
+        for i in range(count):
+            place[i] = block[7, i]
+            first[begin + i] = interval[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def normal_equations(
-    values: Array, weight: Array, jacobian: Array, first: Index, knots: int
-) -> tuple[Array, Array, Array, Array]:
-    """Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, right side."""
-    corner, side = np.zeros((AXIS, AXIS)), np.zeros((knots, AXIS))
-    band, right = np.zeros((knots, 4)), np.zeros(AXIS + knots)
-    for i in range(values.size):
-        w = weight[i]
-        if w <= 0.0:
-            continue
-        k, row = first[i], jacobian[i]
-        for a in range(AXIS):
-            wa = w * row[a]
-            right[a] -= wa * values[i]
-            for b in range(a + 1):
-                corner[a, b] += wa * row[b]
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def gradient(table: Array, first: Index, knots: int) -> Array:
+    """Σ w r ∂r of all unknowns (4 + K,): the right side of the normal equations but for its sign."""
+    values, place, weight = table[VALUE], table[PLACE], table[WEIGHT]
+    j0, j1, j2, j3 = table[TILT], table[TILT + 1], table[SHIFT], table[SHIFT + 1]
+    out = np.zeros(AXIS + knots)
+    a0 = a1 = a2 = a3 = 0.0
+    for i in range(first.size):
+        wv = weight[i] * values[i]
+        a0 += wv * j0[i]
+        a1 += wv * j1[i]
+        a2 += wv * j2[i]
+        a3 += wv * j3[i]
+    out[0], out[1], out[2], out[3] = a0, a1, a2, a3
+    # Moments of the place in each interval first: a short stretch of memory and few steps for each point.
+    moments = np.zeros((knots - 3, 4))
+    for i in range(first.size):
+        if weight[i] > 0.0:
+            moment = moments[first[i]]
+            t, m = place[i], weight[i] * values[i]
+            moment[0] += m
+            moment[1] += t * m
+            moment[2] += t * t * m
+            moment[3] += t * t * t * m
+    for k in range(knots - 3):
         for a in range(4):
-            wa = w * row[AXIS + a]
-            right[AXIS + k + a] -= wa * values[i]
-            for b in range(AXIS):
-                side[k + a, b] += wa * row[b]
-            for b in range(a + 1):
-                band[k + b, a - b] += wa * row[AXIS + b]
-    for a in range(AXIS):
-        for b in range(a):
-            corner[b, a] = corner[a, b]
-    return corner, side, band, right
+            for m in range(4):
+                out[AXIS + k + a] -= BASIS[a, m] * moments[k, m]
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def normal_matrix(table: Array, first: Index, knots: int) -> tuple[Array, Array, Array]:
+    """Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block."""
+    place, weight = table[PLACE], table[WEIGHT]
+    j0, j1, j2, j3 = table[TILT], table[TILT + 1], table[SHIFT], table[SHIFT + 1]
+    s00 = s10 = s11 = s20 = s21 = s22 = s30 = s31 = s32 = s33 = 0.0
+    for i in range(first.size):
+        w = weight[i]
+        w0, w1, w2, w3 = w * j0[i], w * j1[i], w * j2[i], w * j3[i]
+        s00 += w0 * j0[i]
+        s10 += w1 * j0[i]
+        s11 += w1 * j1[i]
+        s20 += w2 * j0[i]
+        s21 += w2 * j1[i]
+        s22 += w2 * j2[i]
+        s30 += w3 * j0[i]
+        s31 += w3 * j1[i]
+        s32 += w3 * j2[i]
+        s33 += w3 * j3[i]
+    corner = np.array(
+        [[s00, s10, s20, s30], [s10, s11, s21, s31], [s20, s21, s22, s32], [s30, s31, s32, s33]]
+    )
+    # Moments of the place in each interval, as in `gradient`: Σ w tᵐ ∂r and Σ w tᵐ.
+    mixed, pure = np.zeros((knots - 3, 16)), np.zeros((knots - 3, 7))
+    for i in range(first.size):
+        w = weight[i]
+        if w > 0.0:
+            of_mixed, of_pure, t = mixed[first[i]], pure[first[i]], place[i]
+            w0, w1, w2, w3 = w * j0[i], w * j1[i], w * j2[i], w * j3[i]
+            for m in range(4):
+                of_mixed[4 * m] += w0
+                of_mixed[4 * m + 1] += w1
+                of_mixed[4 * m + 2] += w2
+                of_mixed[4 * m + 3] += w3
+                of_pure[m] += w
+                w0, w1, w2, w3, w = w0 * t, w1 * t, w2 * t, w3 * t, w * t
+            of_pure[4] += w
+            of_pure[5] += w * t
+            of_pure[6] += w * t * t
+    side, band = np.zeros((knots, AXIS)), np.zeros((knots, 4))
+    for k in range(knots - 3):
+        for a in range(4):
+            for m in range(4):
+                for c in range(AXIS):
+                    side[k + a, c] -= BASIS[a, m] * mixed[k, 4 * m + c]
+                for b in range(a + 1):
+                    for n in range(4):
+                        band[k + b, a - b] += BASIS[a, m] * BASIS[b, n] * pure[k, m + n]
+    return corner, side, band
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cluster_pulls(
-    values: Array,
-    weight: Array,
-    jacobian: Array,
-    first: Index,
-    cluster: Index,
-    clusters: int,
-    solution: Array,
+    table: Array, first: Index, cluster: Index, clusters: int, solution: Array
 ) -> tuple[Array, int]:
     """Sum of the squared pulls (m, m) of the clusters' residuals, by columns (4 + K, m) of the inverse.
 
     Also the number of clusters with weight.
     """
+    values, place, weight = table[VALUE], table[PLACE], table[WEIGHT]
     columns = solution.shape[1]
     pull = np.zeros((clusters, columns))
     used = np.zeros(clusters, np.bool_)
     for i in range(values.size):
-        w = weight[i] * values[i]
         if weight[i] <= 0.0:
             continue
-        c, k = cluster[i], AXIS + first[i]
+        w, c, k = weight[i] * values[i], cluster[i], AXIS + first[i]
         used[c] = True
+        basis = _basis(place[i])
         for m in range(columns):
             total = 0.0
             for a in range(AXIS):
-                total += jacobian[i, a] * solution[a, m] + jacobian[i, a + AXIS] * solution[k + a, m]
+                total += table[TILT + a, i] * solution[a, m] - basis[a] * solution[k + a, m]
             pull[c, m] += w * total
     out = np.zeros((columns, columns))
     count = 0
@@ -187,22 +278,19 @@ def cluster_pulls(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def local_medians(
-    points: Array, tukey: Array, centre: Array, frame: Array, step: float
-) -> tuple[float, Array]:
+def local_medians(points: Array, centre: Array, frame: Array, step: float) -> tuple[float, Array]:
     """First knot, and the median height around each; a knot without points takes that of the one before."""
     n = points.shape[0]
     thin = max(1, n // _MEDIAN_POINTS)
     radius, height = np.empty(n), np.empty(n)
     m = 0
     for i in range(0, n, thin):
-        if tukey[i] > 0.0:
-            qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-            x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-            y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-            height[m] = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-            radius[m] = math.sqrt(x * x + y * y)
-            m += 1
+        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
+        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
+        height[m] = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
+        radius[m] = math.sqrt(x * x + y * y)
+        m += 1
     order = np.argsort(radius[:m])
     lo, hi = radius[order[m // 1000]], radius[order[m - 1 - m // 1000]]
     count = max(4, math.ceil((hi - lo) / step) + 3)
@@ -224,26 +312,27 @@ def local_medians(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def weigh(
-    values: Array, deviation: Array, first: Index, cut: float, floor: float, tukey: Array, weight: Array
-) -> float:
+def weigh(table: Array, first: Index, cut: float, floor: float) -> float:
     """Tukey's weights and the weights of the normal equations; returns the scale, −1 for too few points."""
-    n = values.size
-    ratio = np.empty(n)
+    values, deviation, tukey, weight = table[VALUE], table[DEVIATION], table[TUKEY], table[WEIGHT]
     inside = 0
-    for i in range(n):
-        if first[i] >= 0:
-            ratio[inside] = abs(values[i]) / deviation[i]
-            inside += 1
+    for i in range(first.size):
+        inside += first[i] >= 0
     if inside < FEWEST:
         return -1.0
     thin = max(1, inside // 4000)
-    scale = max(1.4826 * np.median(ratio[:inside:thin]), floor)
-    for i in range(n):
-        tukey[i] = weight[i] = 0.0
+    ratio = np.empty(inside // thin + 1)
+    seen = found = 0
+    for i in range(first.size):
         if first[i] >= 0:
-            u = values[i] / (deviation[i] * cut * scale)
-            if abs(u) < 1.0:
-                tukey[i] = (1.0 - u * u) ** 2
-                weight[i] = tukey[i] / (scale * deviation[i]) ** 2
+            if seen % thin == 0:
+                ratio[found] = abs(values[i]) / deviation[i]
+                found += 1
+            seen += 1
+    scale = max(1.4826 * np.median(ratio[:found]), floor)
+    for i in range(first.size):
+        u = values[i] / (deviation[i] * cut * scale)
+        rest = (1.0 - u * u) if (first[i] >= 0) & (abs(u) < 1.0) else 0.0
+        tukey[i] = rest * rest
+        weight[i] = rest * rest / ((scale * deviation[i]) * (scale * deviation[i]))
     return scale

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.kernels import njit
-from alignment.wheel.revolution_kernels import AXIS, normal_equations, rows, weigh
+from alignment.wheel.revolution_kernels import AXIS, gradient, normal_matrix, rows, weigh
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,15 +43,12 @@ def frame_of(normal: Array) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def system(
-    values: Array, weight: Array, jacobian: Array, first: Index, profile: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Normal equations with a weak prior on the axis position and a weak pull to a smooth profile.
+def matrix_of(table: Array, first: Index, knots: int) -> tuple[Array, Array, Array, float]:
+    """Normal matrix with a weak prior on the axis position and a weak pull to a smooth profile.
 
-    Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, right side (4 + K,).
+    Axis block (4, 4), profile–axis block (K, 4), lower band (K, 4) of the profile block, stiffness.
     """
-    knots = profile.size
-    corner, side, band, right = normal_equations(values, weight, jacobian, first, knots)
+    corner, side, band = normal_matrix(table, first, knots)
     corner[2, 2] += CENTRE_PRIOR**-2
     corner[3, 3] += CENTRE_PRIOR**-2
     stiffness = 1e-12
@@ -59,14 +56,24 @@ def system(
         stiffness += STIFFNESS * band[k, 0] / knots
     # DᵀD, D the second difference: 1 −2 1 along each row.
     for k in range(knots - 2):
-        second = profile[k] - 2.0 * profile[k + 1] + profile[k + 2]
         for a in range(3):
             row = -2.0 if a == 1 else 1.0
-            right[AXIS + k + a] -= stiffness * row * second
             for b in range(a + 1):
                 column = -2.0 if b == 1 else 1.0
                 band[k + b, a - b] += stiffness * row * column
-    return corner, side, band, right
+    return corner, side, band, stiffness
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _right_side(table: Array, first: Index, profile: Array, stiffness: float) -> Array:
+    """Right side (4 + K, 1) of the normal equations, with the pull to a smooth profile."""
+    right = -gradient(table, first, profile.size)
+    for k in range(profile.size - 2):
+        second = stiffness * (profile[k] - 2.0 * profile[k + 1] + profile[k + 2])
+        right[AXIS + k] -= second
+        right[AXIS + k + 1] += 2.0 * second
+        right[AXIS + k + 2] -= second
+    return right.reshape(-1, 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,18 +183,15 @@ def iterate(
     floor: float,
     iterations: int,
     settled: float,
-    values: Array,
-    deviation: Array,
-    jacobian: Array,
+    renew: bool,
+    table: Array,
     first: Index,
-    tukey: Array,
-    weight: Array,
 ) -> tuple[int, float]:
     """Gauss–Newton steps with new weights each, until the axis turns by less than `settled` radians.
 
-    Changes `centre` (3,), `frame` (3, 3) and `profile` (K,) in place. Residuals and weights are left in the
-    given arrays, as they were before the last step, which hardly matters where it settled. Returns the
-    outcome and the scale.
+    Changes `centre` (3,), `frame` (3, 3) and `profile` (K,) in place. Residuals and weights are left in
+    `table` (9, N) and `first` (N,), see `revolution_kernels.rows`, as they were before the last step, which
+    hardly matters where it settled. Returns the outcome and the scale.
 
     Parameters
     ----------
@@ -201,20 +205,25 @@ def iterate(
         Least scale.
     iterations
         Largest number of steps; 0 only weighs.
+    renew
+        Whether every step has a normal matrix of its own. Near the solution that of the first step serves
+        all: right is the step whose right side vanishes, and that is always new.
     """
     before = np.inf
-    scale = 0.0
+    scale = stiffness = 0.0
+    corner = side = band = np.empty((0, 0))
     for iteration in range(max(iterations, 1)):
-        rows(points, sigma, rays, centre, frame, start, step, profile, values, deviation, jacobian, first)
+        rows(points, sigma, rays, centre, frame, start, step, profile, table, first)
         wide = first_cut if iteration < min(_LOOSE, iterations) else 1.0
-        scale = weigh(values, deviation, first, cut * wide, floor, tukey, weight)
+        scale = weigh(table, first, cut * wide, floor)
         if scale < 0.0:
             return TOO_FEW, scale
         if iterations == 0:
             break
-        corner, side, band, right = system(values, weight, jacobian, first, profile)
-        delta = right.reshape(-1, 1)
-        if not solve_arrow(corner, side, band, delta):
+        if renew or iteration == 0:
+            corner, side, band, stiffness = matrix_of(table, first, profile.size)
+        delta = _right_side(table, first, profile, stiffness)
+        if not solve_arrow(corner.copy(), side, band.copy(), delta):
             return SINGULAR, scale
         tilt, shift = np.empty(2), np.empty(2)
         for a in range(2):
