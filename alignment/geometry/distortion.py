@@ -32,13 +32,24 @@ COEFFICIENT_NAMES = {
         for n in (5, 8, 12, 14)
     ),
 }
+FOLDED = 1e-6  # determinant of the Jacobian at which a polynomial folds: no inverse there
 _NEWTON_STEPS = 30
 _NEWTON_TOLERANCE = 1e-9  # of a step; the next, quadratically smaller, would be below rounding
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, float, float, float]:
-    """Distort one undistorted point; also its 2 × 2 Jacobian, as (xd, yd, dxd/dx, dxd/dy, dyd/dx, dyd/dy)."""
+def _tilt(
+    c: Array,
+) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
+    """Rows of R(tau) = Ry(tau_y) Rx(tau_x) as OpenCV orders them."""
+    ct, st = math.cos(c[12]), math.sin(c[12])
+    cs, ss = math.cos(c[13]), math.sin(c[13])
+    return (cs, ss * st, -ss * ct), (0.0, ct, st), (ss, -cs * st, cs * ct)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def lens_distort(x: float, y: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """`brown_distort` without the tilt of the sensor."""
     k1, k2, p1, p2, k3 = c[0], c[1], c[2], c[3], c[4]
     r2 = x * x + y * y
     num = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -57,15 +68,17 @@ def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, fl
     jxy = x * gy + 2.0 * p1 * x + 2.0 * p2 * y + 2.0 * y * px
     jyx = y * gx + 2.0 * p1 * x + 2.0 * p2 * y + 2.0 * x * py
     jyy = g + y * gy + 6.0 * p1 * y + 2.0 * p2 * x + 2.0 * y * py
+    return xd, yd, jxx, jxy, jyx, jyy
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """Distort one undistorted point; also its 2 × 2 Jacobian, as (xd, yd, dxd/dx, dxd/dy, dyd/dx, dyd/dy)."""
+    xd, yd, jxx, jxy, jyx, jyy = lens_distort(x, y, c)
     if c[12] == 0.0 and c[13] == 0.0:
         return xd, yd, jxx, jxy, jyx, jyy
     # Sensor tilted by tau_x, tau_y (Louhichi et al. 2007): a homography after the distortion.
-    ct, st = math.cos(c[12]), math.sin(c[12])
-    cs, ss = math.cos(c[13]), math.sin(c[13])
-    # Rows of R(tau) = Ry(tau_y) Rx(tau_x) as OpenCV orders them.
-    r11, r12, r13 = cs, ss * st, -ss * ct
-    r21, r22, r23 = 0.0, ct, st
-    r31, r32, r33 = ss, -cs * st, cs * ct
+    (r11, r12, r13), (r21, r22, r23), (r31, r32, r33) = _tilt(c)
     u = r11 * xd + r12 * yd + r13
     v = r21 * xd + r22 * yd + r23
     w = r31 * xd + r32 * yd + r33
@@ -87,18 +100,14 @@ def brown_distort(x: float, y: float, c: Array) -> tuple[float, float, float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def brown_undistort_from(
-    x: float, y: float, xd: float, yd: float, c: Array, tolerance: float
-) -> tuple[float, float, bool]:
-    """Undistort (xd, yd) by Newton's method from (x, y), until a step is below the tolerance; converged?
-
-    Steps shrink quadratically: what is left is about the square of the tolerance.
-    """
+def brown_undistort(xd: float, yd: float, c: Array) -> tuple[float, float, bool]:
+    """Undistort (xd, yd) by Newton's method; converged?"""
+    x, y = xd, yd
     scale = 1.0 + abs(xd) + abs(yd)
     for _ in range(_NEWTON_STEPS):
         fx, fy, jxx, jxy, jyx, jyy = brown_distort(x, y, c)
         det = jxx * jyy - jxy * jyx
-        if not det > 1e-6:  # the polynomial has folded: no inverse here
+        if not det > FOLDED:  # the polynomial has folded: no inverse here
             return x, y, False
         ex, ey = fx - xd, fy - yd
         share = 1.0 / det
@@ -106,7 +115,7 @@ def brown_undistort_from(
         dy = (jxx * ey - jyx * ex) * share
         x -= dx
         y -= dy
-        if abs(dx) + abs(dy) < tolerance * scale:
+        if abs(dx) + abs(dy) < _NEWTON_TOLERANCE * scale:
             return x, y, True
     return x, y, abs(dx) + abs(dy) < 1e-11 * scale
 
@@ -122,29 +131,42 @@ def division_distort(x: float, y: float, d: float) -> tuple[float, float, bool]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def unproject_near(
-    u: float, v: float, p: Array, aside_x: float, aside_y: float, tolerance: float
-) -> tuple[float, float, bool, float, float]:
-    """Undistort one pixel from the displacement of a neighbour; also its own displacement, for the next.
-
-    `tolerance` is that of `brown_undistort_from`.
-    """
-    yd = (v - p[3]) / p[1]
-    xd = (u - p[2] - p[4] * yd) / p[0]
-    if p[5] == DIVISION:
-        g = 1.0 + p[6] * (xd * xd + yd * yd)
-        return xd / g, yd / g, g > 0.0, 0.0, 0.0
-    x, y, ok = brown_undistort_from(xd + aside_x, yd + aside_y, xd, yd, p[6:], tolerance)
-    if not ok:
-        return x, y, False, 0.0, 0.0
-    return x, y, True, x - xd, y - yd
+def lens_from_pixel(p: Array) -> Array:
+    """(3, 3) homography from pixels of a packed camera to what its lens makes of (x/z, y/z), without tilt."""
+    out = np.zeros((3, 3))
+    out[0, 0], out[0, 1] = 1.0 / p[0], -p[4] / (p[0] * p[1])
+    out[0, 2] = -(p[2] - p[4] * p[3] / p[1]) / p[0]
+    out[1, 1], out[1, 2], out[2, 2] = 1.0 / p[1], -p[3] / p[1], 1.0
+    if p[5] == DIVISION or (p[18] == 0.0 and p[19] == 0.0):
+        return out
+    # The inverse of the projection in `brown_distort`: back onto the tilted plane, then turned back.
+    rows = _tilt(p[6:])
+    plane = np.zeros((3, 3))
+    for a in range(2):
+        plane[a, a] = 1.0 / rows[2][2]
+    plane[0, 2], plane[1, 2], plane[2, 2] = rows[0][2] / rows[2][2], rows[1][2] / rows[2][2], 1.0
+    turned = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            for m in range(3):
+                turned[a, b] += rows[m][a] * plane[m, b]
+    whole = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            for m in range(3):
+                whole[a, b] += turned[a, m] * out[m, b]
+    return whole
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def unproject_pixel(u: float, v: float, p: Array) -> tuple[float, float, bool]:
     """Normalised undistorted coordinates (x/z, y/z) of one pixel of a packed camera."""
-    x, y, ok, _, _ = unproject_near(u, v, p, 0.0, 0.0, _NEWTON_TOLERANCE)
-    return x, y, ok
+    yd = (v - p[3]) / p[1]
+    xd = (u - p[2] - p[4] * yd) / p[0]
+    if p[5] == DIVISION:
+        g = 1.0 + p[6] * (xd * xd + yd * yd)
+        return xd / g, yd / g, g > 0.0
+    return brown_undistort(xd, yd, p[6:])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -155,7 +177,7 @@ def project_normalised(x: float, y: float, p: Array) -> tuple[float, float, bool
         xd, yd, ok = division_distort(x, y, p[6])
     else:
         xd, yd, jxx, jxy, jyx, jyy = brown_distort(x, y, p[6:])
-        ok = jxx * jyy - jxy * jyx > 1e-6
+        ok = jxx * jyy - jxy * jyx > FOLDED
     return p[0] * xd + p[4] * yd + p[2], p[1] * yd + p[3], ok
 
 
