@@ -197,17 +197,20 @@ def centre_deviation(table: Array, starts: Index) -> Array:
     """
     n = table.shape[0]
     out = np.full(n, _UNKNOWN_SIGMA)
-    residual = np.full(n, np.nan)
-    lo, hi, count = np.inf, -np.inf, 0
+    residual, shown = np.empty(n), np.empty(n)
+    count = 0
     for c in range(starts.size - 1):
         for i in range(starts[c] + 1, starts[c + 1] - 1):
             if table[i + 1, Y] - table[i - 1, Y] == 2.0:
                 second = table[i + 1, X] - 2.0 * table[i, X] + table[i - 1, X]
-                residual[i] = abs(second) / _SECOND_DIFFERENCE * table[i, STRENGTH]
-                lo, hi = min(lo, table[i, LEVEL]), max(hi, table[i, LEVEL])
+                residual[count] = abs(second) / _SECOND_DIFFERENCE * table[i, STRENGTH]
+                shown[count] = table[i, LEVEL]
                 count += 1
     if count < 64:
         return out
+    residual, shown = residual[:count], shown[:count]
+    lo = shown.min()
+    per_level = _CLASSES / max(shown.max() - lo, 1e-9)
     # Two passes: the mean modulus of each class, then again without what exceeds four times it.
     limit = np.full(_CLASSES, np.inf)
     number = np.zeros(_CLASSES)
@@ -217,13 +220,12 @@ def centre_deviation(table: Array, starts: Index) -> Array:
         number[:] = 0.0
         modulus[:] = 0.0
         level[:] = 0.0
-        for i in range(n):
-            if residual[i] == residual[i]:
-                k = min(_CLASSES - 1, int(_CLASSES * (table[i, LEVEL] - lo) / max(hi - lo, 1e-9)))
-                if residual[i] < limit[k]:
-                    number[k] += 1.0
-                    modulus[k] += residual[i]
-                    level[k] += table[i, LEVEL]
+        for i in range(count):
+            k = min(_CLASSES - 1, int(per_level * (shown[i] - lo)))
+            if residual[i] < limit[k]:
+                number[k] += 1.0
+                modulus[k] += residual[i]
+                level[k] += shown[i]
         for k in range(_CLASSES):
             limit[k] = 4.0 * modulus[k] / max(number[k], 1.0) + 1e-12
     # Weighted line through the classes' variances; neither noise source is negative.
@@ -266,10 +268,12 @@ def _clean(
     offset: int,
     line_starts: Index,
     line: int,
+    corner: tuple[float, float],
 ) -> int:
     """Write one direction's undisturbed points behind `offset` and its lines behind `line`.
 
-    All chains stay, if empty, so that their numbers do not change. Returns the new number of points.
+    Points count in the image, whose part starts at `corner`; chains in the part. All chains stay, if empty,
+    so that their numbers do not change. Returns the new number of points.
     """
     radius = _DISTURBED * width
     shadow = chains.shadow(other, other_starts, other_slope, _STEEPEST, radius, (shape[1], shape[0]))
@@ -289,8 +293,8 @@ def _clean(
     for i in range(count):
         along = math.sqrt(1.0 + lean[i] * lean[i])
         k = offset + i
-        points[k, first] = kept[i, X]
-        points[k, second] = kept[i, Y]
+        points[k, first] = kept[i, X] + corner[first]
+        points[k, second] = kept[i, Y] + corner[second]
         tangents[k, first] = lean[i] / along
         tangents[k, second] = 1.0 / along
         noise[SIGMA, k] = sigma[i] / along
@@ -328,7 +332,7 @@ def _extract(
     flat, flat_starts, flat_slope, flat_serves = _trace(
         image, view, True, width, flat_spacing, contrast, along[1], along[0], least_sine
     )
-    shape = (view[3] - view[1], view[2] - view[0])
+    shape, corner = (view[3] - view[1], view[2] - view[0]), (float(view[0]), float(view[1]))
     steep_lines, flat_lines = steep_starts.size - 1, flat_starts.size - 1
     if steep_lines + flat_lines + 1 > line_starts.size:
         return
@@ -337,13 +341,13 @@ def _extract(
     if steep_serves:
         n = _clean(
             steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
-            shape, width, False, points, tangents, noise, 0, line_starts, 0,
+            shape, width, False, points, tangents, noise, 0, line_starts, 0, corner,
         )  # fmt: skip
     line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
     if flat_serves:
         n = _clean(
             flat, flat_starts, flat_slope, steep, steep_starts, steep_slope,
-            (shape[1], shape[0]), width, True, points, tangents, noise, n, line_starts, steep_lines,
+            (shape[1], shape[0]), width, True, points, tangents, noise, n, line_starts, steep_lines, corner,
         )  # fmt: skip
     counts[POINTS] = n
     counts[LINES] = steep_lines + flat_lines
@@ -387,7 +391,7 @@ def extract_all(
     images
         Typed list of n contiguous images, one type.
     views
-        (n, 4) part of each image; see `ridges.row_of`. Points count in the part.
+        (n, 4) part of each image; see `ridges.row_of`. Crosses count in the part, points in the image.
     bits
         8 or 16.
     along

@@ -136,7 +136,6 @@ def _lines(
         return None
     found = crosses[:meetings]
     meet = found[:, 2:4].astype(np.int64) + np.array([0, steep_lines])
-    points[:number] += corner
     return LightLines(
         points=points[:number],
         tangents=tangents[:number],

@@ -43,19 +43,18 @@ def derivative_weights(sigma: float) -> NDArray[np.float32]:
     return (weights / total).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
     """Zero in [0, 1] of the cubic through (−1, a), (0, b), (1, c), (2, d), with b > 0 ≥ c."""
     t = b / (b - c)
     c3 = (d - a) / 6.0 + (b - c) / 2.0
     c2 = (a + c) / 2.0 - b
     c1 = c - b - c2 - c3
+    # Without branches, for loops over many.
     for _ in range(2):
         f = b + t * (c1 + t * (c2 + t * c3))
         df = c1 + t * (2.0 * c2 + t * 3.0 * c3)
-        if not df < 0.0:
-            break
-        t -= f / df
+        t -= f / df if df < 0.0 else 0.0
     return min(max(t, 0.0), 1.0)
 
 

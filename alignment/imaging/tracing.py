@@ -91,7 +91,7 @@ def follow(
     room = 0
     for c in range(starts.size - 1):
         room += int(table[starts[c + 1] - 1, Y] - table[starts[c], Y]) + step + 1
-    out = np.empty((room, COLUMNS))
+    out, responses = np.empty((room, COLUMNS)), np.empty((4, room))
     out_starts = np.zeros(starts.size, np.int64)
     n = chains = 0
     for c in range(starts.size - 1):
@@ -126,9 +126,10 @@ def follow(
             right = float(grey[m + flank] + grey[m + flank + 1] + grey[m + flank + 2]) / 3.0
             if centre - max(left, right) < contrast:
                 continue
-            a, d = _response(grey, m - 1 - half, kernel), _response(grey, m + 2 - half, kernel)
+            responses[0, n], responses[1, n] = _response(grey, m - 1 - half, kernel), b
+            responses[2, n], responses[3, n] = c1, _response(grey, m + 2 - half, kernel)
             point = out[n]
-            point[X] = corner + m + zero_of_cubic(a, b, c1, d)
+            point[X] = corner + m
             point[Y] = y
             point[STRENGTH] = b - c1
             point[LEVEL] = centre
@@ -139,4 +140,10 @@ def follow(
         else:
             chains += 1
             out_starts[chains] = n
+    # All at once: a loop that compilers turn into vector instructions.
+    zero = np.empty(n)
+    for i in range(n):
+        zero[i] = zero_of_cubic(responses[0, i], responses[1, i], responses[2, i], responses[3, i])
+    for i in range(n):
+        out[i, X] += zero[i]
     return out[:n], out_starts[: chains + 1]

@@ -28,17 +28,11 @@ _SAMPLE = 2000  # means that show their scatter
 @njit(cache=True, nogil=True, error_model="numpy")
 def _clear_around(bad: Mask, line: Index, reach: int, keep: Mask) -> None:
     """Take off `keep`, in place, the bad points and `reach` points on either side of each, in its line."""
-    n = bad.size
-    since = n  # points walked since the last bad one
-    for step in range(2):
-        for k in range(n):
-            i = k if step == 0 else n - 1 - k
-            before = i - 1 if step == 0 else i + 1
-            if k == 0 or line[i] != line[before]:
-                since = n
-            since = 0 if bad[i] else since + 1
-            if since <= reach:
-                keep[i] = False
+    for i in range(bad.size):
+        if bad[i]:
+            for k in range(max(0, i - reach), min(bad.size, i + reach + 1)):
+                if line[k] == line[i]:
+                    keep[k] = False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -66,6 +60,9 @@ def undisturbed(ratio: Array, inside: Mask, line: Index, scale: float) -> Mask:
         count[i + 1] = count[i] + inside[i]
     _clear_around(bad, line, _BESIDE_GROSS, keep)
     mean, sample = np.zeros(n), np.empty(n)
+    per_root = np.ones(2 * _HALF_WINDOW + 2)
+    for k in range(1, per_root.size):
+        per_root[k] = 1.0 / np.sqrt(k)
     found = first = 0
     while first < n:
         last = first + 1
@@ -73,7 +70,7 @@ def undisturbed(ratio: Array, inside: Mask, line: Index, scale: float) -> Mask:
             last += 1
         for i in range(first, last):
             lo, hi = max(first, i - _HALF_WINDOW), min(last, i + _HALF_WINDOW + 1)
-            mean[i] = abs(total[hi] - total[lo]) / np.sqrt(max(count[hi] - count[lo], 1))
+            mean[i] = abs(total[hi] - total[lo]) * per_root[count[hi] - count[lo]]
             if not bad[i]:
                 sample[found] = mean[i]
                 found += 1

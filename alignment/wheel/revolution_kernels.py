@@ -59,26 +59,7 @@ def slope_of_profile(radius: float, start: float, step: float, profile: Array) -
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def heights(points: Array, centre: Array, frame: Array, start: float, step: float, profile: Array) -> Array:
-    """Height (N,) of points (N, 3) above the profile, millimetres; NaN beyond its radii."""
-    out = np.empty(points.shape[0])
-    for i in range(points.shape[0]):
-        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-        h = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
-        g = (np.sqrt(x * x + y * y) - start) / step
-        k = int(np.floor(g))
-        if k < 0 or k + 3 >= profile.size:
-            out[i] = np.nan
-            continue
-        b0, b1, b2, b3 = _basis(g - k)
-        out[i] = h - (b0 * profile[k] + b1 * profile[k + 1] + b2 * profile[k + 2] + b3 * profile[k + 3])
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pieces(profile: Array) -> Array:
+def pieces_of(profile: Array) -> Array:
     """Coefficients (K − 3, 4) of the profile's cubics in t, 0 to 1 from knot to knot, constant first."""
     out = np.empty((profile.size - 3, 4))
     for k in range(profile.size - 3):
@@ -87,6 +68,29 @@ def _pieces(profile: Array) -> Array:
         out[k, 1] = 0.5 * (p2 - p0)
         out[k, 2] = 0.5 * (p0 - 2.0 * p1 + p2)
         out[k, 3] = (p3 - p0 + 3.0 * (p1 - p2)) * _SIXTH
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def heights(points: Array, centre: Array, frame: Array, start: float, step: float, profile: Array) -> Array:
+    """Height (N,) of points (N, 3) above the profile, millimetres; NaN beyond its radii."""
+    out = np.empty(points.shape[0])
+    pieces = pieces_of(profile)
+    per_step, end = 1.0 / step, float(pieces.shape[0] - 1)
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    f20, f21, f22 = frame[2, 0], frame[2, 1], frame[2, 2]
+    for i in range(points.shape[0]):
+        qx, qy, qz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+        x = f00 * qx + f01 * qy + f02 * qz
+        y = f10 * qx + f11 * qy + f12 * qz
+        g = (math.sqrt(x * x + y * y) - start) * per_step
+        inside = (g >= 0.0) & (g < end + 1.0)
+        k = np.int64(g if inside else 0.0)
+        t = g - k
+        below = pieces[k, 0] + t * (pieces[k, 1] + t * (pieces[k, 2] + t * pieces[k, 3]))
+        out[i] = f20 * qx + f21 * qy + f22 * qz - below if inside else np.nan
     return out
 
 
@@ -112,7 +116,7 @@ def rows(
     # By blocks that stay in the nearest cache, each step a loop without branches over a table of its own:
     # compilers make vector instructions of that, several times faster than point after point.
     block, interval = np.ones((12, _BLOCK)), np.zeros(_BLOCK, np.int64)
-    pieces = _pieces(profile)
+    pieces = pieces_of(profile)
     per_step, end = 1.0 / step, float(pieces.shape[0] - 1)
     cx, cy, cz = centre[0], centre[1], centre[2]
     f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
@@ -244,35 +248,36 @@ def normal_matrix(table: Array, first: Index, knots: int) -> tuple[Array, Array,
     return corner, side, band
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def cluster_pulls(
     table: Array, first: Index, cluster: Index, clusters: int, solution: Array
 ) -> tuple[Array, int]:
-    """Sum of the squared pulls (m, m) of the clusters' residuals, by columns (4 + K, m) of the inverse.
+    """Sum of the squared pulls (2, 2) of the clusters' residuals, by two columns (4 + K, 2) of the inverse.
 
     Also the number of clusters with weight.
     """
     values, place, weight = table[VALUE], table[PLACE], table[WEIGHT]
-    columns = solution.shape[1]
-    pull = np.zeros((clusters, columns))
-    used = np.zeros(clusters, np.bool_)
-    for i in range(values.size):
-        if weight[i] <= 0.0:
-            continue
-        w, c, k = weight[i] * values[i], cluster[i], AXIS + first[i]
-        used[c] = True
-        basis = _basis(place[i])
-        for m in range(columns):
-            total = 0.0
-            for a in range(AXIS):
-                total += table[TILT + a, i] * solution[a, m] - basis[a] * solution[k + a, m]
-            pull[c, m] += w * total
-    out = np.zeros((columns, columns))
+    j0, j1, j2, j3 = table[TILT], table[TILT + 1], table[SHIFT], table[SHIFT + 1]
+    pull, used = np.zeros((clusters, 2)), np.zeros(clusters, np.bool_)
+    influence = np.empty(first.size)
+    for m in range(2):
+        pieces = pieces_of(solution[AXIS:, m].copy())
+        s0, s1, s2, s3 = solution[0, m], solution[1, m], solution[2, m], solution[3, m]
+        for i in range(first.size):
+            k, t = max(first[i], 0), place[i]
+            along = pieces[k, 0] + t * (pieces[k, 1] + t * (pieces[k, 2] + t * pieces[k, 3]))
+            of_axis = j0[i] * s0 + j1[i] * s1 + j2[i] * s2 + j3[i] * s3
+            influence[i] = weight[i] * values[i] * (of_axis - along)
+        for i in range(first.size):
+            if weight[i] > 0.0:
+                pull[cluster[i], m] += influence[i]
+                used[cluster[i]] = True
+    out = np.zeros((2, 2))
     count = 0
     for c in range(clusters):
         count += used[c]
-        for m in range(columns):
-            for n in range(columns):
+        for m in range(2):
+            for n in range(2):
                 out[m, n] += pull[c, m] * pull[c, n]
     return out, count
 
@@ -291,22 +296,34 @@ def local_medians(points: Array, centre: Array, frame: Array, step: float) -> tu
         height[m] = frame[2, 0] * qx + frame[2, 1] * qy + frame[2, 2] * qz
         radius[m] = math.sqrt(x * x + y * y)
         m += 1
-    order = np.argsort(radius[:m])
-    lo, hi = radius[order[m // 1000]], radius[order[m - 1 - m // 1000]]
+    radius, height = radius[:m], height[:m]
+    spare = m // _MEDIAN_POINTS  # at either end, as one may stand alone
+    lo = np.partition(radius, spare)[spare]
+    hi = np.partition(radius, m - 1 - spare)[m - 1 - spare]
     count = max(4, math.ceil((hi - lo) / step) + 3)
-    profile = np.empty(count)
-    first = last = 0
-    value = height[order[m // 1000]]
+    # Knot k stands one step below the first for k = 0: the spline needs one beyond each end.
+    knot = np.empty(m, np.int64)
+    begin = np.zeros(count + 1, np.int64)
+    for i in range(m):
+        knot[i] = min(max(math.floor((radius[i] - lo) / step + 1.5), 0), count - 1)
+        begin[knot[i] + 1] += 1
     for k in range(count):
-        # Knot k stands one step below the first for k = 0: the spline needs one beyond each end.
-        below, above = lo + step * (k - 1.5), lo + step * (k - 0.5)
-        while first < m and radius[order[first]] < below:
-            first += 1
-        last = max(last, first)
-        while last < m and radius[order[last]] < above:
-            last += 1
-        if last > first:
-            value = np.median(height[order[first:last]])
+        begin[k + 1] += begin[k]
+    by_knot, filled = np.empty(m), begin[:-1].copy()
+    for i in range(m):
+        by_knot[filled[knot[i]]] = height[i]
+        filled[knot[i]] += 1
+    profile = np.empty(count)
+    value = np.nan
+    for k in range(count - 1, -1, -1):
+        if begin[k + 1] > begin[k]:
+            mine = by_knot[begin[k] : begin[k + 1]]
+            mine.sort()  # in place; the median function would copy each
+            value = 0.5 * (mine[(mine.size - 1) // 2] + mine[mine.size // 2])
+        profile[k] = value
+    for k in range(count):
+        if begin[k + 1] > begin[k]:
+            value = profile[k]
         profile[k] = value
     return lo, profile
 
