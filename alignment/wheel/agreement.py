@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from alignment.kernels import njit
 from alignment.wheel.revolution import RevolutionFit
-from alignment.wheel.revolution_kernels import slope_of_profile
+from alignment.wheel.revolution_kernels import pieces_of, slope_of_profile
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -44,7 +44,7 @@ def _sums(
     rings = int(step * profile.size / _RING) + 2
     square, right = np.zeros((heads, _MOVES, _MOVES)), np.zeros((heads, _MOVES))
     ring_moves, ring_right = np.zeros((rings, heads, _MOVES)), np.zeros((rings, heads))
-    move = np.ones(_MOVES)
+    move, pieces = np.ones(_MOVES), pieces_of(profile)
     for i in range(points.shape[0]):
         w = weights[i]
         if w <= 0.0:
@@ -53,7 +53,7 @@ def _sums(
         x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
         y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
         rho = math.sqrt(x * x + y * y)
-        outward = slope_of_profile(rho, start, step, profile) / rho
+        outward = slope_of_profile(rho, start, step, pieces) / rho
         move[1], move[2], move[3], move[4] = x, y, outward * x, outward * y
         h, ring = head[i], int((rho - start) / _RING)
         ring_right[ring, h] += w * residuals[i]

@@ -30,34 +30,6 @@ BASIS = (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _basis(t: float) -> tuple[float, float, float, float]:
-    s = 1.0 - t
-    t2, t3 = t * t, t * t * t
-    return (
-        s * s * s * _SIXTH,
-        (3.0 * t3 - 6.0 * t2 + 4.0) * _SIXTH,
-        (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) * _SIXTH,
-        t3 * _SIXTH,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _basis_slope(t: float) -> tuple[float, float, float, float]:
-    s = 1.0 - t
-    return -0.5 * s * s, 0.5 * (3.0 * t * t - 4.0 * t), 0.5 * (-3.0 * t * t + 2.0 * t + 1.0), 0.5 * t * t
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def slope_of_profile(radius: float, start: float, step: float, profile: Array) -> float:
-    """Slope of the profile at a radius, that of its end beyond it."""
-    g = (radius - start) / step
-    k = min(max(int(np.floor(g)), 0), profile.size - 4)
-    s0, s1, s2, s3 = _basis_slope(min(max(g - k, 0.0), 1.0))
-    rise = s0 * profile[k] + s1 * profile[k + 1] + s2 * profile[k + 2] + s3 * profile[k + 3]
-    return float(rise / step)
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def pieces_of(profile: Array) -> Array:
     """Coefficients (K − 3, 4) of the profile's cubics in t, 0 to 1 from knot to knot, constant first."""
@@ -69,6 +41,15 @@ def pieces_of(profile: Array) -> Array:
         out[k, 2] = 0.5 * (p0 - 2.0 * p1 + p2)
         out[k, 3] = (p3 - p0 + 3.0 * (p1 - p2)) * _SIXTH
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def slope_of_profile(radius: float, start: float, step: float, pieces: Array) -> float:
+    """Slope at a radius of a profile's `pieces_of`, that of its end beyond it."""
+    g = (radius - start) / step
+    k = min(max(int(np.floor(g)), 0), pieces.shape[0] - 1)
+    t = min(max(g - k, 0.0), 1.0)
+    return float((pieces[k, 1] + t * (2.0 * pieces[k, 2] + 3.0 * t * pieces[k, 3])) / step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
