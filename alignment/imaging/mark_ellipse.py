@@ -189,6 +189,19 @@ def _normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _solve_factored(low: Array, size: int, x: Array) -> None:
+    """Solve L Lᵀ y = x for the first `size` unknowns, in place."""
+    for k in range(size):
+        for i in range(k):
+            x[k] -= low[k, i] * x[i]
+        x[k] /= low[k, k]
+    for k in range(size - 1, -1, -1):
+        for i in range(k + 1, size):
+            x[k] -= low[i, k] * x[i]
+        x[k] /= low[k, k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_damped(n: Array, g: Array, size: int, damping: float, low: Array, step: Array) -> bool:
     """Solve damped normal equations by Cholesky; False when they have no solution.
 
@@ -207,16 +220,8 @@ def solve_damped(n: Array, g: Array, size: int, damping: float, low: Array, step
                 low[k, k] = math.sqrt(total)
             else:
                 low[k, m] = total / low[m, m]
-    for k in range(size):
-        total = g[k]
-        for i in range(k):
-            total -= low[k, i] * step[i]
-        step[k] = total / low[k, k]
-    for k in range(size - 1, -1, -1):
-        total = step[k]
-        for i in range(k + 1, size):
-            total -= low[i, k] * step[i]
-        step[k] = total / low[k, k]
+    step[:size] = g[:size]
+    _solve_factored(low, size, step)
     return True
 
 
@@ -232,21 +237,12 @@ def _centre_covariance(
     answer: Array,
 ) -> None:
     """Covariance of the centre from the residual of every pixel and what the centre owes to it (sandwich)."""
-    rows, unit, solved = np.zeros((2, RING)), np.zeros(RING), np.zeros(RING)
+    rows, unit = np.zeros((2, RING)), np.zeros(RING)
     for k in range(2):
         unit[:] = 0.0
         unit[k] = 1.0
-        for i in range(size):
-            total = unit[i]
-            for m in range(i):
-                total -= low[i, m] * solved[m]
-            solved[i] = total / low[i, i]
-        for i in range(size - 1, -1, -1):
-            total = solved[i]
-            for m in range(i + 1, size):
-                total -= low[m, i] * solved[m]
-            solved[i] = total / low[i, i]
-        rows[k, :size] = solved[:size]
+        _solve_factored(low, size, unit)
+        rows[k, :size] = unit[:size]
     j, dz = np.zeros(RING), np.zeros(6)
     a, b, c = p[A], p[B], p[C]
     scale = math.sqrt(abs(a * c))
