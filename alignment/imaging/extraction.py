@@ -28,13 +28,18 @@ MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
+_ENOUGH_PER_PROBE, _LARGEST_PER_PROBE = (
+    2.2,
+    4.0,
+)  # line's deviation over the probe's that shows it well, and at all
+_WIDEST = 8.0  # pixels; the largest probe
 _SPACING_PER_STEP = 10.0  # distance of lines over that of scanned rows: none is mistaken for the next
-_STEP_PER_WIDTH = 3.2  # distance of scanned rows over a line's width: no end of it is overlooked
+_STEP_PER_WIDTH = 2.7  # distance of scanned rows over a line's width: no end of it is overlooked
 _MOST_STEP = 8
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
-_FILTER = 1.4  # of the line's deviation: near the optimum for shot noise, and good for read noise
-_DISTURBED = 4.0  # line widths within which another line disturbs a centre
+_FILTER = 1.1  # of the line's deviation: near the optimum for shot noise, and good for read noise
+_DISTURBED = 3.2  # line widths within which another line disturbs a centre
 _SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _QUANTISATION = math.sqrt(1.0 / 12.0)
 _MEAN_OF_MODULUS = math.sqrt(2.0 / math.pi)
@@ -79,39 +84,59 @@ def contrast_of(image: Any, view: Index, bits: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _shown_width(s: float, probe: float, box: int) -> float:
+    """WIDTH2 that a Gaussian line of deviation s shows under a probe.
+
+    Four pixels make the top, and the flanks of a wide line are still lit.
+    """
+    top = 0.5 * (math.exp(-0.125 / (s * s)) + math.exp(-1.125 / (s * s)))
+    return float((s * s + probe * probe) ** 1.5 / s * (top - math.exp(-2.0 * box * box / (s * s))))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def line_width(image: Any, view: Index, contrast: float) -> tuple[float, float, float]:
     """Standard deviation of the lines' cross profile, and how close steep and flat lines stand, pixels.
 
     From some rows and columns; 0 without lines. A ridge that lies aslant shows too wide, so of each direction
-    the narrow half counts. Only a quarter of the neighbours stand closer than the stated distances.
+    the narrow half counts. Only a quarter of the neighbours stand closer than the stated distances. A probe
+    too small for the line says little of it, so a wide line is looked at again with a larger one.
     """
-    weights = ridges.derivative_weights(_PROBE_SIGMA)
-    narrowest = np.inf
     spacing = np.full(2, np.inf)
-    for direction in range(2):
-        if direction == 0:
-            table, rows = ridges.scan_rows(image, view, 3, weights, contrast, _PROBE_STEP)
-        else:
-            some = ridges.columns_of(image, view, _PROBE_STEP)
-            table, rows = ridges.scan_rows(some, ridges.whole(some), 3, weights, contrast, 1)
-        if table.shape[0] >= 8:
-            shown = np.sort(table[:, WIDTH2])
-            narrowest = min(narrowest, shown[int(0.4 * (shown.size - 1))])
-        gaps = np.empty(table.shape[0])
-        n = 0
-        for j in range(rows.size - 1):
-            for i in range(rows[j] + 1, rows[j + 1]):
-                gaps[n] = table[i, X] - table[i - 1, X]
-                n += 1
-        if n >= 8:
-            spacing[direction] = np.sort(gaps[:n])[n // 4]
-    if narrowest == np.inf:
-        return 0.0, spacing[0], spacing[1]
-    # A Gaussian line of deviation s shows WIDTH2 = (s² + p²)^1.5 / s under a probe of deviation p.
-    s = _PROBE_SIGMA / math.sqrt(2.0)
-    while s < 15.0 and (s * s + _PROBE_SIGMA**2) ** 1.5 / s < narrowest:
-        s += 0.02
-    return s, spacing[0], spacing[1]
+    some = ridges.columns_of(image, view, _PROBE_STEP)
+    whole, probe, s = ridges.whole(some), _PROBE_SIGMA, 0.0
+    while True:
+        weights, box = ridges.derivative_weights(probe), round(2.0 * probe)
+        narrowest = np.inf
+        for direction in range(2):
+            if direction == 0:
+                table, rows = ridges.scan_rows(image, view, box, weights, contrast, _PROBE_STEP)
+            else:
+                table, rows = ridges.scan_rows(some, whole, box, weights, contrast, 1)
+            if table.shape[0] >= 8:
+                shown = np.sort(table[:, WIDTH2])
+                narrowest = min(narrowest, shown[int(0.4 * (shown.size - 1))])
+            gaps = np.empty(table.shape[0])
+            n = 0
+            for j in range(rows.size - 1):
+                for i in range(rows[j] + 1, rows[j + 1]):
+                    gaps[n] = table[i, X] - table[i - 1, X]
+                    n += 1
+            if n >= 8:
+                spacing[direction] = np.sort(gaps[:n])[n // 4]
+        if narrowest == np.inf:
+            return s, spacing[0], spacing[1]
+        s = probe / math.sqrt(2.0)  # no line shows less
+        while s < _LARGEST_PER_PROBE * probe and _shown_width(s, probe, box) < narrowest:
+            s += 0.02
+        if s < _ENOUGH_PER_PROBE * probe or probe > _WIDEST:
+            return s, spacing[0], spacing[1]
+        probe = min(0.7 * s, 2.0 * probe)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _probe_of(width: float) -> tuple[float, int]:
+    """Deviation of the filter that locates lines of a width, half the distance of their flanks; pixels."""
+    return min(max(_FILTER * width, 1.0), 9.0), max(2, round(1.25 * width))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -157,8 +182,8 @@ def _trace(
 
     Some rows show the lines' course; along those that are worth it every row is looked at.
     """
-    weights = ridges.derivative_weights(min(max(_FILTER * width, 1.0), 9.0))
-    box = max(2, round(1.6 * width))
+    probe, box = _probe_of(width)
+    weights = ridges.derivative_weights(probe)
     step = int(max(min(spacing / _SPACING_PER_STEP, _STEP_PER_WIDTH * width, _MOST_STEP), 1.0))
     if abs(along_x) < abs(along_y):
         step *= 2  # hardly worth more
@@ -168,13 +193,13 @@ def _trace(
         table[:, Y] *= step
     else:
         table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
-    shortest = max(12.0, 4.0 * width)
-    gap = max(6.0, 3.0 * width)
+    shortest = max(12.0, 3.4 * width)
+    gap = max(6.0, 2.5 * width)
     order, starts = ridges.link_rows(
         table, rows, step, _GATE, math.ceil(gap / step), max(4, int(shortest / step))
     )
     # A crossing line may hide the ridge for several widths.
-    order, starts = ridges.join_chains(table, order, starts, 12.0 * width + 4.0 * step, _GATE)
+    order, starts = ridges.join_chains(table, order, starts, 10.0 * width + 4.0 * step, _GATE)
     linked = _take(table, order)
     slope = chains.chain_slopes(linked, starts)
     if not _serves(linked, slope, along_x, along_y, least):

@@ -38,6 +38,10 @@ class Candidates:
         (N,) number of its line.
     right_point
         (N,) index of a right line point next to the intersection.
+    light
+        (N, 3) what moves a line's centre: light of the left over that of the right camera; lean dx/dy of the
+        line in the left image; and way along the ray that the centre's shift means, millimetres squared:
+        times the change of the log ratio per millimetre it is that way, for an upright line.
     offered
         Left line points that cross the epipolar lines well enough to be matched at all.
     """
@@ -48,6 +52,7 @@ class Candidates:
     left_point: Index
     left_line: Index
     right_point: Index
+    light: Array
     offered: int
 
 
@@ -70,10 +75,13 @@ def _match(
     left_starts: Index,
     left_sine: Array,
     left_sigma: Array,
+    left_light: Array,
     right: Array,
     right_starts: Index,
     right_sine: Array,
     right_sigma: Array,
+    right_light: Array,
+    spread: float,
     rig_from_rectified: Array,
     origin: Array,
     baseline: float,
@@ -84,9 +92,14 @@ def _match(
     points: Array,
     rays: Array,
     sigma: Array,
+    light: Array,
     indices: Index,
 ) -> tuple[int, int]:
-    """Candidates into the rows of the last four; how many, and how many points were offered."""
+    """Candidates into the rows of the last five; how many, and how many points were offered.
+
+    `left_light` and `right_light` have rows of strength and lean; `spread` is the variance of the lines'
+    profile, in the units of `left`, squared.
+    """
     capacity = points.shape[0]
     n = 0
     offered = 0
@@ -159,6 +172,10 @@ def _match(
                 point[2] = origin[2] + dz * z
                 ray[0], ray[1], ray[2] = dx / norm, dy / norm, dz / norm
                 sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
+                light[n, 0] = left_light[i, 0] / max(right_light[j, 0], 1e-12)
+                light[n, 1] = left_light[i, 1]
+                # Disparity errs by spread · d ln ratio/du, and a step in u is z millimetres there.
+                light[n, 2] = z * z * z / baseline * spread * norm
                 indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
     return n, offered
@@ -169,6 +186,8 @@ def _match_all(
     pixels: Array,
     starts: Index,
     sigmas: Array,
+    lights: Array,
+    spreads: Array,
     first_points: Index,
     first_lines: Index,
     packed: Array,
@@ -182,6 +201,7 @@ def _match_all(
     points: Array,
     rays: Array,
     sigma: Array,
+    light: Array,
     indices: Index,
     counts: Index,
 ) -> None:
@@ -201,10 +221,11 @@ def _match_all(
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
         a, b, c = first_points[left], first_points[right], first_points[right + 1]
         counts[head, 0], counts[head, 1] = _match(
-            uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b],
-            uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c],
+            uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b], lights[a:b],
+            uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c], lights[b:c],
+            spreads[head],
             rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
-            flattest, bridge[head], points[head], rays[head], sigma[head], indices[head],
+            flattest, bridge[head], points[head], rays[head], sigma[head], light[head], indices[head],
         )  # fmt: skip
 
 
@@ -266,13 +287,18 @@ def match_heads(
     numbers = [len(each.points) for each in every]
     capacity = 4 * max(numbers) + 1024
     points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
-    sigma = np.empty((len(heads), capacity))
+    sigma, light = np.empty((len(heads), capacity)), np.empty((len(heads), capacity, 3))
+    widths = np.array([each.width for each in every]) / geometry.focal
+    tangents = np.concatenate([each.tangents for each in every])
+    strength = np.concatenate([each.strength for each in every])
     indices = np.empty((len(heads), 3, capacity), np.int64)
     counts = np.zeros((len(heads), 2), np.int64)
     _match_all(
         np.concatenate([each.points for each in every]),
         np.concatenate([each.starts for each in every]),
         np.concatenate([each.sigma for each in every]) / np.repeat(geometry.focal, numbers),
+        np.column_stack([strength, tangents[:, 0] / np.where(tangents[:, 1] == 0.0, 1e-9, tangents[:, 1])]),
+        widths[::2] * widths[1::2],
         np.cumsum([0, *numbers]),
         np.cumsum([0, *(len(each.starts) for each in every)]),
         geometry.packed,
@@ -286,6 +312,7 @@ def match_heads(
         points,
         rays,
         sigma,
+        light,
         indices,
         counts,
     )
@@ -297,6 +324,7 @@ def match_heads(
             left_point=indices[k, 0, :n],
             left_line=indices[k, 1, :n],
             right_point=indices[k, 2, :n],
+            light=light[k, :n],
             offered=int(offered),
         )
         for k, (n, offered) in enumerate(counts)

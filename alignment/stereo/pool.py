@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ Mask = NDArray[np.bool_]
 
 _STRETCH = 13  # line points that count as one cluster
 
+#: Columns of `PointPool.light`: ratio of the cameras' light, lean of the line, way per change of the ratio.
+RATIO, LEAN, GAIN = 0, 1, 2
+
 
 @dataclass(frozen=True, eq=False)
 class PointPool:
@@ -24,8 +27,8 @@ class PointPool:
 
     Attributes
     ----------
-    points, sigma, rays
-        (N, 3), (N,), (N, 3) of `Candidates`.
+    points, sigma, rays, light
+        (N, 3), (N,), (N, 3), (N, 3) of `Candidates`.
     group
         (N,) number of the left line point; its candidates stand together.
     cluster
@@ -39,6 +42,7 @@ class PointPool:
     points: Array
     sigma: Array
     rays: Array
+    light: Array
     group: Index
     cluster: Index
     line: Index
@@ -62,6 +66,7 @@ class PointPool:
             points=np.concatenate([c.points for c in matched]),
             sigma=np.concatenate([c.sigma for c in matched]),
             rays=np.concatenate([c.rays for c in matched]),
+            light=np.concatenate([c.light for c in matched]),
             group=np.concatenate(groups),
             cluster=np.concatenate([[0], np.cumsum(stretch[1:] != stretch[:-1])]),
             line=np.concatenate(lines),
@@ -72,8 +77,25 @@ class PointPool:
         """Return the points of a mask (N,)."""
         return PointPool(
             *take_points(mask, self.points, self.sigma, self.rays),
+            _take_rows(mask, self.light),
             *(take_numbers(mask, each) for each in (self.group, self.cluster, self.line, self.head)),
         )
+
+    def moved(self, way: Array) -> PointPool:
+        """Points moved along their rays by (N,) millimetres."""
+        return replace(self, points=self.points + way[:, None] * self.rays)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _take_rows(mask: Mask, table: Array) -> Array:
+    """Return the rows of a table (N, 3) that a mask (N,) tells."""
+    out = np.empty((np.count_nonzero(mask), 3))
+    k = 0
+    for i in range(mask.size):
+        if mask[i]:
+            out[k, 0], out[k, 1], out[k, 2] = table[i, 0], table[i, 1], table[i, 2]
+            k += 1
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,6 +11,7 @@ def candidates(seed: int, count: int) -> Candidates:
         points=rng.standard_normal((count, 3)),
         sigma=rng.uniform(0.01, 0.1, count),
         rays=rng.standard_normal((count, 3)),
+        light=rng.uniform(0.5, 2.0, (count, 3)),
         left_point=point,
         left_line=point // 40,
         right_point=rng.integers(0, count, count),

@@ -1,0 +1,198 @@
+"""How gloss moves light lines apart in the two images of a head, and back again.
+
+The top of a light line's profile stands where profile times reflected light is greatest: where the light
+grows across the line, that is σ² · d ln A/dx beside its middle. As far as both cameras see the same light
+they take the same neighbouring place of the surface, and its depth is right. But a glossy skin sends more
+light to one camera than to the other, and their ratio changes over the surface: by what the two shifts differ
+the disparity errs, which makes some micrometres of depth over whole parts of a sidewall.
+
+The ratio is seen along every line. A tyre is a body of revolution of one material, so along a circle the
+ratio changes slowly: each ring of a millimetre and a half takes a parabola over the tangent of the angle,
+neighbours smooth each other, and the derivatives of that model over radius and angle give the shifts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.kernels import njit
+from alignment.stereo.pool import GAIN, LEAN, RATIO, PointPool
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_RING = 1.5  # mm
+_NEIGHBOURS = 2  # rings on either side that smooth one
+_TERMS = 3  # of the parabola over the angle
+_FEWEST = 12.0  # points in a ring and its neighbours
+_CUT = 4.0  # robust deviations; letters and dirt reflect otherwise
+_ROUNDS = 3
+_SOME = 2500  # points of a head that make its model
+_LEAST_COSINE = 0.2  # of a point's angle from the middle of its head's points
+_FARTHEST = 0.05  # mm; no gloss shifts a point more
+_HOLD = (0.0, 1e-4, 1e-5)  # weak pull of the angle's terms to zero, relative to the weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(m: Array, right: Array) -> bool:
+    """Solve a symmetric (3, 3) system in place by elimination; False where it is singular."""
+    for k in range(_TERMS):
+        if not m[k, k] > 0.0:
+            return False
+        for i in range(k + 1, _TERMS):
+            factor = m[i, k] / m[k, k]
+            for j in range(k, _TERMS):
+                m[i, j] -= factor * m[k, j]
+            right[i] -= factor * right[k]
+    for k in range(_TERMS - 1, -1, -1):
+        for j in range(k + 1, _TERMS):
+            right[k] -= m[k, j] * right[j]
+        right[k] /= m[k, k]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: int) -> Array:
+    """Coefficients (R, 3) of the smoothed log ratio over the angle in each ring; NaN with too few points."""
+    moments, right = np.zeros((rings, 2 * _TERMS - 1)), np.zeros((rings, _TERMS))
+    for i in range(0, ring.size, max(1, ring.size // _SOME)):
+        w, a, k = weight[i], angle[i], ring[i]
+        wr = w * ratio[i]
+        for m in range(_TERMS):
+            moments[k, m] += w
+            right[k, m] += wr
+            w, wr = w * a, wr * a
+        moments[k, _TERMS] += w
+        moments[k, _TERMS + 1] += w * a
+    out = np.full((rings, _TERMS), np.nan)
+    for k in range(rings):
+        matrix, pull = np.zeros((_TERMS, _TERMS)), np.zeros(_TERMS)
+        for j in range(max(0, k - _NEIGHBOURS), min(rings, k + _NEIGHBOURS + 1)):
+            share = 1.0 - ((k - j) / (_NEIGHBOURS + 1.0)) ** 2
+            for a in range(_TERMS):
+                pull[a] += share * right[j, a]
+                for b in range(_TERMS):
+                    matrix[a, b] += share * moments[j, a + b]
+        total = matrix[0, 0]
+        for a in range(_TERMS):
+            matrix[a, a] += _HOLD[a] * total
+        if total >= _FEWEST and _solve(matrix, pull):
+            out[k] = pull
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Array, out: Array) -> None:
+    """Write the way (N,) of one head's points along their rays, millimetres, into `out`."""
+    n = points.shape[0]
+    radius, angle, ratio = np.empty(n), np.empty(n), np.empty(n)
+    outward, along = np.empty((n, 3)), np.empty(3)
+    mean = np.zeros(3)
+    for i in range(n):
+        height = 0.0
+        for a in range(3):
+            along[a] = points[i, a] - centre[a]
+            height += along[a] * normal[a]
+        square = 0.0
+        for a in range(3):
+            along[a] -= height * normal[a]
+            square += along[a] * along[a]
+        radius[i] = math.sqrt(square)
+        for a in range(3):
+            outward[i, a] = along[a] / max(radius[i], 1.0)
+            mean[a] += outward[i, a]
+        ratio[i] = math.log(max(light[i, RATIO], 1e-6))
+    mean /= max(math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), 1e-9)
+    side = np.cross(normal, mean)
+    for i in range(n):
+        y = outward[i, 0] * side[0] + outward[i, 1] * side[1] + outward[i, 2] * side[2]
+        x = outward[i, 0] * mean[0] + outward[i, 1] * mean[1] + outward[i, 2] * mean[2]
+        angle[i] = y / max(x, _LEAST_COSINE)
+    start = radius.min()
+    rings = int((radius.max() - start) / _RING) + 1
+    ring, weight, rest = np.empty(n, np.int64), np.ones(n), np.empty(n)
+    for i in range(n):
+        ring[i] = int((radius[i] - start) / _RING)
+    model = np.empty((0, 0))
+    for _ in range(_ROUNDS):
+        model = _parabolas(ring, angle, ratio, weight, rings)
+        found = 0
+        for i in range(n):
+            c = model[ring[i]]
+            misfit = ratio[i] - (c[0] + angle[i] * (c[1] + angle[i] * c[2]))
+            weight[i] = misfit
+            if not np.isnan(misfit):
+                rest[found] = abs(misfit)
+                found += 1
+        if found == 0:
+            return
+        limit = max(_CUT * 1.4826 * np.median(rest[: found : max(1, found // 1000)]), 1e-9)
+        for i in range(n):
+            u = weight[i] / limit
+            weight[i] = (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
+    if rings < 4:
+        return
+    for i in range(n):
+        g = (radius[i] - start) / _RING - 0.5
+        k = min(max(math.floor(g), 1), rings - 3)
+        t = min(max(g - k, 0.0), 1.0)
+        by_radius = by_angle = 0.0
+        power = 1.0  # of the angle, and its derivative's
+        for a in range(_TERMS):
+            rise = (1.0 - t) * (model[k + 1, a] - model[k - 1, a]) + t * (model[k + 2, a] - model[k, a])
+            by_radius += power * rise / (2.0 * _RING)
+            if a + 1 < _TERMS:
+                by_angle += (a + 1) * power * ((1.0 - t) * model[k, a + 1] + t * model[k + 1, a + 1])
+            power *= angle[i]
+        by_arc = by_angle * (1.0 + angle[i] * angle[i]) / max(radius[i], 1.0)
+        # Steep lines were located along the rows, flat ones along the columns; a shift by δ along the column
+        # is one by −δ · lean along the row.
+        lean = light[i, LEAN]
+        line = 0 if abs(lean) <= 1.0 else 1
+        x, y, z = outward[i, 0], outward[i, 1], outward[i, 2]
+        slope = axes[0, line] * (by_radius * x + by_arc * (normal[1] * z - normal[2] * y))
+        slope += axes[1, line] * (by_radius * y + by_arc * (normal[2] * x - normal[0] * z))
+        slope += axes[2, line] * (by_radius * z + by_arc * (normal[0] * y - normal[1] * x))
+        spread = 1.0 + lean * lean if line == 0 else -(lean + 1.0 / lean)
+        shift = light[i, GAIN] * spread * slope
+        if not np.isnan(shift):
+            out[i] = min(max(shift, -_FARTHEST), _FARTHEST)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def gloss_shifts(
+    points: Array, head: Index, light: Array, axes: Array, normal: Array, centre: Array
+) -> Array:
+    """Way (N,) along its ray, millimetres, that brings each point back to where gloss moved it from.
+
+    Parameters
+    ----------
+    points
+        (N, 3) rig frame, millimetres, head after head.
+    head
+        (N,) number of each point's head.
+    light
+        (N, 3) of `PointPool`.
+    axes
+        (H, 3, 2) directions of the left images' rows and columns, rig frame.
+    normal, centre
+        Unit direction and a point of the wheel's axis; a degree and some millimetres are near enough.
+    """
+    out = np.zeros(points.shape[0])
+    first = 0
+    while first < head.size:
+        last = first
+        while last < head.size and head[last] == head[first]:
+            last += 1
+        _shifts(points[first:last], light[first:last], axes[head[first]], normal, centre, out[first:last])
+        first = last
+    return out
+
+
+def without_gloss(pool: PointPool, axes: Array, normal: Array, centre: Array) -> PointPool:
+    """Points as they would be without gloss; see `gloss_shifts`."""
+    unit = normal / math.sqrt(float(normal @ normal))
+    return pool.moved(gloss_shifts(pool.points, pool.head, pool.light, axes, unit, centre))
