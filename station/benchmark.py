@@ -50,6 +50,7 @@ STAGES = {
     "extraction": "extract_many",
     "correspondence": "match_heads",
     "choice_of_surface": "plane_hypotheses",
+    "gloss": "without_gloss",
     "fit": "fit_revolution",
     "agreement_of_heads": "head_misfits",
 }

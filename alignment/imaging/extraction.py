@@ -32,14 +32,15 @@ _ENOUGH_PER_PROBE, _LARGEST_PER_PROBE = (
     2.2,
     4.0,
 )  # line's deviation over the probe's that shows it well, and at all
+_NARROW = 0.35  # quantile of the widths that the lines of a direction show
 _WIDEST = 8.0  # pixels; the largest probe
 _SPACING_PER_STEP = 10.0  # distance of lines over that of scanned rows: none is mistaken for the next
 _STEP_PER_WIDTH = 2.7  # distance of scanned rows over a line's width: no end of it is overlooked
 _MOST_STEP = 8
 _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the other scan
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
-_FILTER = 1.1  # of the line's deviation: near the optimum for shot noise, and good for read noise
-_DISTURBED = 3.2  # line widths within which another line disturbs a centre
+_FILTER = 1.0  # of the lines' spread: little noise, and little of the relief beside a point
+_DISTURBED = 3.6  # line widths within which another line disturbs a centre
 _SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _QUANTISATION = math.sqrt(1.0 / 12.0)
 _MEAN_OF_MODULUS = math.sqrt(2.0 / math.pi)
@@ -94,48 +95,47 @@ def _shown_width(s: float, probe: float, box: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def line_width(image: Any, view: Index, contrast: float) -> tuple[float, float, float]:
-    """Standard deviation of the lines' cross profile, and how close steep and flat lines stand, pixels.
+def line_width(image: Any, view: Index, contrast: float, step: int) -> tuple[float, float]:
+    """Spread along the rows of the lines' profile, its standard deviation, and how close lines stand, pixels.
 
-    From some rows and columns; 0 without lines. A ridge that lies aslant shows too wide, so of each direction
-    the narrow half counts. Only a quarter of the neighbours stand closer than the stated distances. A probe
-    too small for the line says little of it, so a wide line is looked at again with a larger one.
+    From every `step`-th row; 0 without lines. Lines of the other direction lie aslant to the rows and show
+    too wide, so the narrow part counts. Only a quarter of the neighbours stand closer than the stated
+    distance. A probe too small for the line says little of it, so a wide line is looked at again with a
+    larger one.
     """
-    spacing = np.full(2, np.inf)
-    some = ridges.columns_of(image, view, _PROBE_STEP)
-    whole, probe, s = ridges.whole(some), _PROBE_SIGMA, 0.0
+    probe = _PROBE_SIGMA
     while True:
         weights, box = ridges.derivative_weights(probe), round(2.0 * probe)
-        narrowest = np.inf
-        for direction in range(2):
-            if direction == 0:
-                table, rows = ridges.scan_rows(image, view, box, weights, contrast, _PROBE_STEP)
-            else:
-                table, rows = ridges.scan_rows(some, whole, box, weights, contrast, 1)
-            if table.shape[0] >= 8:
-                shown = np.sort(table[:, WIDTH2])
-                narrowest = min(narrowest, shown[int(0.4 * (shown.size - 1))])
-            gaps = np.empty(table.shape[0])
-            n = 0
-            for j in range(rows.size - 1):
-                for i in range(rows[j] + 1, rows[j + 1]):
-                    gaps[n] = table[i, X] - table[i - 1, X]
-                    n += 1
-            if n >= 8:
-                spacing[direction] = np.sort(gaps[:n])[n // 4]
-        if narrowest == np.inf:
-            return s, spacing[0], spacing[1]
+        table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
+        if table.shape[0] < 8:
+            return 0.0, np.inf
+        shown = np.sort(table[:, WIDTH2])[int(_NARROW * (table.shape[0] - 1))]
         s = probe / math.sqrt(2.0)  # no line shows less
-        while s < _LARGEST_PER_PROBE * probe and _shown_width(s, probe, box) < narrowest:
+        while s < _LARGEST_PER_PROBE * probe and _shown_width(s, probe, box) < shown:
             s += 0.02
         if s < _ENOUGH_PER_PROBE * probe or probe > _WIDEST:
-            return s, spacing[0], spacing[1]
+            break
         probe = min(0.7 * s, 2.0 * probe)
+    gaps = np.empty(table.shape[0])
+    n = 0
+    for j in range(rows.size - 1):
+        for i in range(rows[j] + 1, rows[j + 1]):
+            gaps[n] = table[i, X] - table[i - 1, X]
+            n += 1
+    return s, np.sort(gaps[:n])[n // 4] if n >= 8 else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _across(spread: float, slope: Array) -> float:
+    """Standard deviation across lines whose spread along the rows and slopes are given."""
+    some = np.abs(slope[:: max(1, slope.size // 400)])
+    some = some[some <= _STEEPEST]
+    return spread / math.sqrt(1.0 + np.median(some) ** 2) if some.size > 0 else spread
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _probe_of(width: float) -> tuple[float, int]:
-    """Deviation of the filter that locates lines of a width, half the distance of their flanks; pixels."""
+    """Deviation of the filter that locates lines of a spread, half the distance of their flanks; pixels."""
     return min(max(_FILTER * width, 1.0), 9.0), max(2, round(1.25 * width))
 
 
@@ -285,7 +285,7 @@ def _clean(
     other_starts: Index,
     other_slope: Array,
     shape: tuple[int, int],
-    width: float,
+    other_width: float,
     flat: bool,
     points: Array,
     tangents: Array,
@@ -300,7 +300,7 @@ def _clean(
     Points count in the image, whose part starts at `corner`; chains in the part. All chains stay, if empty,
     so that their numbers do not change. Returns the new number of points.
     """
-    radius = _DISTURBED * width
+    radius = _DISTURBED * other_width
     shadow = chains.shadow(other, other_starts, other_slope, _STEEPEST, radius, (shape[1], shape[0]))
     keep = chains.undisturbed(table, slope, _STEEPEST, shadow, shape, 2.0 * radius)
     kept = _take(table, np.flatnonzero(keep))
@@ -348,15 +348,23 @@ def _extract(
     counts[:] = 0
     line_starts[0] = 0
     contrast = contrast_of(image, view, bits)
-    width, steep_spacing, flat_spacing = line_width(image, view, contrast)
-    if width == 0.0:
+    some = ridges.columns_of(image, view, _PROBE_STEP)
+    steep_spread, steep_spacing = line_width(image, view, contrast, _PROBE_STEP)
+    flat_spread, flat_spacing = line_width(some, ridges.whole(some), contrast, 1)
+    if steep_spread == 0.0 and flat_spread == 0.0:
         return
+    # A direction without lines is searched as the other is.
+    if steep_spread == 0.0:
+        steep_spread = flat_spread
+    if flat_spread == 0.0:
+        flat_spread = steep_spread
     steep, steep_starts, steep_slope, steep_serves = _trace(
-        image, view, False, width, steep_spacing, contrast, along[0], along[1], least_sine
+        image, view, False, steep_spread, steep_spacing, contrast, along[0], along[1], least_sine
     )
     flat, flat_starts, flat_slope, flat_serves = _trace(
-        image, view, True, width, flat_spacing, contrast, along[1], along[0], least_sine
+        image, view, True, flat_spread, flat_spacing, contrast, along[1], along[0], least_sine
     )
+    steep_width, flat_width = _across(steep_spread, steep_slope), _across(flat_spread, flat_slope)
     shape, corner = (view[3] - view[1], view[2] - view[0]), (float(view[0]), float(view[1]))
     steep_lines, flat_lines = steep_starts.size - 1, flat_starts.size - 1
     if steep_lines + flat_lines + 1 > line_starts.size:
@@ -366,14 +374,17 @@ def _extract(
     if steep_serves:
         n = _clean(
             steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
-            shape, width, False, points, tangents, noise, 0, line_starts, 0, corner,
+            shape, flat_width, False, points, tangents, noise, 0, line_starts, 0, corner,
         )  # fmt: skip
     line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
     if flat_serves:
         n = _clean(
-            flat, flat_starts, flat_slope, steep, steep_starts, steep_slope,
-            (shape[1], shape[0]), width, True, points, tangents, noise, n, line_starts, steep_lines, corner,
+            flat, flat_starts, flat_slope, steep, steep_starts, steep_slope, (shape[1], shape[0]),
+            steep_width, True, points, tangents, noise, n, line_starts, steep_lines, corner,
         )  # fmt: skip
+    width = 0.5 * (steep_width + flat_width)
+    if steep_serves != flat_serves:
+        width = steep_width if steep_serves else flat_width
     counts[POINTS] = n
     counts[LINES] = steep_lines + flat_lines
     counts[STEEP_LINES] = steep_lines

@@ -11,7 +11,7 @@ from tests.alignment.imaging.grids import slanted_grid
 def scanned(image: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
     view = ridges.whole(image)
     contrast = contrast_of(image, view, 8)
-    width, _, _ = line_width(image, view, contrast)
+    width, _ = line_width(image, view, contrast, 32)
     weights, box = ridges.derivative_weights(1.4 * width), max(2, round(1.6 * width))
     table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
     order, starts = ridges.link_rows(table, rows, step, 1.5, 12, 4)
