@@ -104,7 +104,9 @@ def test_axis_run_out_and_turns_are_recovered_exactly(
     # but for the product of camber and toe.
     assert math.remainder(found.phases[0] - (start - math.pi / 2), 2 * math.pi) == pytest.approx(0, abs=0.015)
     assert found.shots_used == shots
-    assert found.covered_turn == pytest.approx(min(arc, 2 * math.pi), abs=1e-3)
+    # A full turn less the largest gap, which is one between two shots where they nearly make the turn.
+    gap = max(2 * math.pi - arc, arc / (shots - 1))
+    assert found.covered_turn == pytest.approx(2 * math.pi - gap, abs=1e-3)
     assert found.method == "spin_axis"
 
 
