@@ -30,7 +30,7 @@ _TERMS = 3  # of the parabola over the angle
 _FEWEST = 12.0  # points in a ring and its neighbours
 _CUT = 4.0  # robust deviations; letters and dirt reflect otherwise
 _ROUNDS = 3
-_SOME = 2500  # points of a head that make its model
+_SOME = 1500  # points of a head, or up to twice as many, that make its model
 _LEAST_COSINE = 0.2  # of a point's angle from the middle of its head's points
 _FARTHEST = 0.05  # mm; no gloss shifts a point more
 _HOLD = (0.0, 1e-4, 1e-5)  # weak pull of the angle's terms to zero, relative to the weight
@@ -58,7 +58,7 @@ def _solve(m: Array, right: Array) -> bool:
 def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: int) -> Array:
     """Coefficients (R, 3) of the smoothed log ratio over the angle in each ring; NaN with too few points."""
     moments, right = np.zeros((rings, 2 * _TERMS - 1)), np.zeros((rings, _TERMS))
-    for i in range(0, ring.size, max(1, ring.size // _SOME)):
+    for i in range(ring.size):
         w, a, k = weight[i], angle[i], ring[i]
         wr = w * ratio[i]
         for m in range(_TERMS):
@@ -68,8 +68,9 @@ def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: in
         moments[k, _TERMS] += w
         moments[k, _TERMS + 1] += w * a
     out = np.full((rings, _TERMS), np.nan)
+    matrix, pull = np.empty((_TERMS, _TERMS)), np.empty(_TERMS)
     for k in range(rings):
-        matrix, pull = np.zeros((_TERMS, _TERMS)), np.zeros(_TERMS)
+        matrix[:], pull[:] = 0.0, 0.0
         for j in range(max(0, k - _NEIGHBOURS), min(rings, k + _NEIGHBOURS + 1)):
             share = 1.0 - ((k - j) / (_NEIGHBOURS + 1.0)) ** 2
             for a in range(_TERMS):
@@ -88,7 +89,7 @@ def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: in
 def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Array, out: Array) -> None:
     """Write the way (N,) of one head's points along their rays, millimetres, into `out`."""
     n = points.shape[0]
-    radius, angle, ratio = np.empty(n), np.empty(n), np.empty(n)
+    radius, angle = np.empty(n), np.empty(n)
     outward, along = np.empty((n, 3)), np.empty(3)
     mean = np.zeros(3)
     for i in range(n):
@@ -104,7 +105,6 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
         for a in range(3):
             outward[i, a] = along[a] / max(radius[i], 1.0)
             mean[a] += outward[i, a]
-        ratio[i] = math.log(max(light[i, RATIO], 1e-6))
     mean /= max(math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), 1e-9)
     side = np.cross(normal, mean)
     for i in range(n):
@@ -113,25 +113,29 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
         angle[i] = y / max(x, _LEAST_COSINE)
     start = radius.min()
     rings = int((radius.max() - start) / _RING) + 1
-    ring, weight, rest = np.empty(n, np.int64), np.ones(n), np.empty(n)
-    for i in range(n):
-        ring[i] = int((radius[i] - start) / _RING)
+    stride = max(1, n // _SOME)
+    some = (n + stride - 1) // stride
+    ring, turn, ratio = np.empty(some, np.int64), np.empty(some), np.empty(some)
+    for i in range(some):
+        k = i * stride
+        ring[i], turn[i] = int((radius[k] - start) / _RING), angle[k]
+        ratio[i] = math.log(max(light[k, RATIO], 1e-6))
+    weight, misfit, rest = np.ones(some), np.empty(some), np.empty(some)
     model = np.empty((0, 0))
     for _ in range(_ROUNDS):
-        model = _parabolas(ring, angle, ratio, weight, rings)
+        model = _parabolas(ring, turn, ratio, weight, rings)
         found = 0
-        for i in range(n):
+        for i in range(some):
             c = model[ring[i]]
-            misfit = ratio[i] - (c[0] + angle[i] * (c[1] + angle[i] * c[2]))
-            weight[i] = misfit
-            if not np.isnan(misfit):
-                rest[found] = abs(misfit)
+            misfit[i] = ratio[i] - (c[0] + turn[i] * (c[1] + turn[i] * c[2]))
+            if not np.isnan(misfit[i]):
+                rest[found] = abs(misfit[i])
                 found += 1
         if found == 0:
             return
-        limit = max(_CUT * 1.4826 * np.median(rest[: found : max(1, found // 1000)]), 1e-9)
-        for i in range(n):
-            u = weight[i] / limit
+        limit = max(_CUT * 1.4826 * np.median(rest[:found]), 1e-9)
+        for i in range(some):
+            u = misfit[i] / limit
             weight[i] = (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
     if rings < 4:
         return
