@@ -28,10 +28,8 @@ MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
-_ENOUGH_PER_PROBE, _LARGEST_PER_PROBE = (
-    2.2,
-    4.0,
-)  # line's deviation over the probe's that shows it well, and at all
+_ENOUGH_PER_PROBE = 2.2  # line's deviation over the probe's: a wider one needs a larger probe
+_LARGEST_PER_PROBE = 4.0  # and the most that a probe tells
 _NARROW = 0.35  # quantile of the widths that the lines of a direction show
 _WIDEST = 8.0  # pixels; the largest probe
 _SPACING_PER_STEP = 10.0  # distance of lines over that of scanned rows: none is mistaken for the next

@@ -17,6 +17,9 @@ from alignment.values import HeadCalibration
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+#: Columns of `Candidates.light`.
+RATIO, LEAN, GAIN = 0, 1, 2
+
 _BRIDGE_PX = 5.0  # longest gap of a right line that is interpolated over
 
 
@@ -75,12 +78,13 @@ def _match(
     left_starts: Index,
     left_sine: Array,
     left_sigma: Array,
-    left_light: Array,
+    left_strength: Array,
+    left_tangents: Array,
     right: Array,
     right_starts: Index,
     right_sine: Array,
     right_sigma: Array,
-    right_light: Array,
+    right_strength: Array,
     spread: float,
     rig_from_rectified: Array,
     origin: Array,
@@ -97,8 +101,7 @@ def _match(
 ) -> tuple[int, int]:
     """Candidates into the rows of the last five; how many, and how many points were offered.
 
-    `left_light` and `right_light` have rows of strength and lean; `spread` is the variance of the lines'
-    profile, in the units of `left`, squared.
+    `spread` is the variance of the lines' profile, in the units of `left`, squared.
     """
     capacity = points.shape[0]
     n = 0
@@ -172,10 +175,11 @@ def _match(
                 point[2] = origin[2] + dz * z
                 ray[0], ray[1], ray[2] = dx / norm, dy / norm, dz / norm
                 sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
-                light[n, 0] = left_light[i, 0] / max(right_light[j, 0], 1e-12)
-                light[n, 1] = left_light[i, 1]
+                tangent = left_tangents[i]
+                light[n, RATIO] = left_strength[i] / max(right_strength[j], 1e-12)
+                light[n, LEAN] = tangent[0] / (tangent[1] if tangent[1] != 0.0 else 1e-9)
                 # Disparity errs by spread · d ln ratio/du, and a step in u is z millimetres there.
-                light[n, 2] = z * z * z / baseline * spread * norm
+                light[n, GAIN] = z * z * z / baseline * spread * norm
                 indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
     return n, offered
@@ -186,7 +190,8 @@ def _match_all(
     pixels: Array,
     starts: Index,
     sigmas: Array,
-    lights: Array,
+    strengths: Array,
+    tangents: Array,
     spreads: Array,
     first_points: Index,
     first_lines: Index,
@@ -221,8 +226,10 @@ def _match_all(
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
         a, b, c = first_points[left], first_points[right], first_points[right + 1]
         counts[head, 0], counts[head, 1] = _match(
-            uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b], lights[a:b],
-            uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c], lights[b:c],
+            uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b],
+            strengths[a:b], tangents[a:b],
+            uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c],
+            strengths[b:c],
             spreads[head],
             rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
             flattest, bridge[head], points[head], rays[head], sigma[head], light[head], indices[head],
@@ -289,15 +296,14 @@ def match_heads(
     points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
     sigma, light = np.empty((len(heads), capacity)), np.empty((len(heads), capacity, 3))
     widths = np.array([each.width for each in every]) / geometry.focal
-    tangents = np.concatenate([each.tangents for each in every])
-    strength = np.concatenate([each.strength for each in every])
     indices = np.empty((len(heads), 3, capacity), np.int64)
     counts = np.zeros((len(heads), 2), np.int64)
     _match_all(
         np.concatenate([each.points for each in every]),
         np.concatenate([each.starts for each in every]),
         np.concatenate([each.sigma for each in every]) / np.repeat(geometry.focal, numbers),
-        np.column_stack([strength, tangents[:, 0] / np.where(tangents[:, 1] == 0.0, 1e-9, tangents[:, 1])]),
+        np.concatenate([each.strength for each in every]),
+        np.concatenate([each.tangents for each in every]),
         widths[::2] * widths[1::2],
         np.cumsum([0, *numbers]),
         np.cumsum([0, *(len(each.starts) for each in every)]),

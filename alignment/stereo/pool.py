@@ -17,9 +17,6 @@ Mask = NDArray[np.bool_]
 
 _STRETCH = 13  # line points that count as one cluster
 
-#: Columns of `PointPool.light`: ratio of the cameras' light, lean of the line, way per change of the ratio.
-RATIO, LEAN, GAIN = 0, 1, 2
-
 
 @dataclass(frozen=True, eq=False)
 class PointPool:

@@ -29,7 +29,8 @@ class PlaneHypothesis:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve3(a: Array, b: Array) -> tuple[float, float, float, bool]:
+def solve3(a: Array, b: Array) -> tuple[float, float, float, bool]:
+    """Solution of a (3, 3) system, and whether it is determined at all."""
     det = (
         a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
         - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
@@ -106,7 +107,7 @@ def _grow(
                 b[2] += w * y * z
                 score += w
         a[1, 0], a[2, 0], a[2, 1] = a[0, 1], a[0, 2], a[1, 2]
-        p, q, r, ok = _solve3(a, b)
+        p, q, r, ok = solve3(a, b)
         if not ok or abs(q) > slope_limit or abs(r) > slope_limit:
             return plane, 0.0
         moved = abs(p - plane[0]) + 300.0 * (abs(q - plane[1]) + abs(r - plane[2]))

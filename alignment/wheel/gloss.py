@@ -18,8 +18,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.kernels import njit
-from alignment.stereo.pool import GAIN, LEAN, RATIO, PointPool
+from alignment.kernels import njit, prange
+from alignment.stereo.correspondence import GAIN, LEAN, RATIO
+from alignment.stereo.pool import PointPool
+from alignment.stereo.surface import solve3
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,24 +36,6 @@ _SOME = 1500  # points of a head, or up to twice as many, that make its model
 _LEAST_COSINE = 0.2  # of a point's angle from the middle of its head's points
 _FARTHEST = 0.05  # mm; no gloss shifts a point more
 _HOLD = (0.0, 1e-4, 1e-5)  # weak pull of the angle's terms to zero, relative to the weight
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _solve(m: Array, right: Array) -> bool:
-    """Solve a symmetric (3, 3) system in place by elimination; False where it is singular."""
-    for k in range(_TERMS):
-        if not m[k, k] > 0.0:
-            return False
-        for i in range(k + 1, _TERMS):
-            factor = m[i, k] / m[k, k]
-            for j in range(k, _TERMS):
-                m[i, j] -= factor * m[k, j]
-            right[i] -= factor * right[k]
-    for k in range(_TERMS - 1, -1, -1):
-        for j in range(k + 1, _TERMS):
-            right[k] -= m[k, j] * right[j]
-        right[k] /= m[k, k]
-    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -80,8 +64,9 @@ def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: in
         total = matrix[0, 0]
         for a in range(_TERMS):
             matrix[a, a] += _HOLD[a] * total
-        if total >= _FEWEST and _solve(matrix, pull):
-            out[k] = pull
+        x, y, z, determined = solve3(matrix, pull)
+        if total >= _FEWEST and determined:
+            out[k, 0], out[k, 1], out[k, 2] = x, y, z
     return out
 
 
@@ -166,7 +151,7 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
             out[i] = min(max(shift, -_FARTHEST), _FARTHEST)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def gloss_shifts(
     points: Array, head: Index, light: Array, axes: Array, normal: Array, centre: Array
 ) -> Array:
@@ -186,13 +171,11 @@ def gloss_shifts(
         Unit direction and a point of the wheel's axis; a degree and some millimetres are near enough.
     """
     out = np.zeros(points.shape[0])
-    first = 0
-    while first < head.size:
-        last = first
-        while last < head.size and head[last] == head[first]:
-            last += 1
-        _shifts(points[first:last], light[first:last], axes[head[first]], normal, centre, out[first:last])
-        first = last
+    for index in prange(axes.shape[0]):
+        k = np.int64(index)
+        first, last = np.searchsorted(head, k), np.searchsorted(head, k + 1)
+        if last > first:
+            _shifts(points[first:last], light[first:last], axes[k], normal, centre, out[first:last])
     return out
 
 
