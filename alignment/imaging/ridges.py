@@ -17,7 +17,7 @@ from alignment.kernels import njit
 
 Array = NDArray[np.float64]
 
-#: Columns of a table of ridge points.
+#: Columns of a table of ridge points; the width stands last, where it is known.
 X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
 COLUMNS = 5
 _MAX_PER_ROW = 192
@@ -119,16 +119,18 @@ def row_of(image: Any, view: NDArray[np.int64], y: int) -> Any:
 @njit(cache=True, nogil=True, error_model="numpy")
 def columns_of(image: Any, view: NDArray[np.int64], step: int) -> Any:
     """Every `step`-th column of a part of an image as a row (columns, height) of another."""
-    height, width = view[3] - view[1], view[2] - view[0]
+    height, width, pitch = view[3] - view[1], view[2] - view[0], image.shape[1]
     out = np.empty(((width + step - 1) // step, height), image.dtype)
+    pixels = image.ravel()
+    # Few rows at a time, so that they stay in the nearest cache; down the columns, because writing to many
+    # columns in turn hits the same few places of that cache where the height is a power of two.
     for top in range(0, height, _TILE):
-        bottom = min(top + _TILE, height)
-        for begin in range(0, out.shape[0], _TILE):
-            end = min(begin + _TILE, out.shape[0])
-            for y in range(top, bottom):
-                row = row_of(image, view, y)
-                for j in range(begin, end):
-                    out[j, y] = row[j * step]
+        rows = min(_TILE, height - top)
+        for j in range(out.shape[0]):
+            first = (view[1] + top) * pitch + view[0] + j * step
+            column = out[j][top : top + rows]
+            for y in range(rows):
+                column[y] = pixels[first + y * pitch]
     return out
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.imaging.ridges import COLUMNS, LEVEL, STRENGTH, WIDTH2, X, Y, row_of, zero_of_cubic
+from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y, row_of, zero_of_cubic
 from alignment.kernels import njit
 
 Array = NDArray[np.float64]
@@ -21,6 +21,7 @@ Index = NDArray[np.int64]
 _ASIDE = 2  # pixels that the ridge may lie off the expected place, besides the pixel itself
 _FEWEST = 0.5  # of the rows of a line must show a ridge, else it is none
 _LANES = 16  # a whole number of vector registers
+_BLOCK = 64  # rows
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -45,12 +46,37 @@ def _response(grey: NDArray[np.float32], first: int, kernel: NDArray[np.float32]
     return float(total)
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expect(table: Array, first: int, last: int, top: int, margin: int, width: int, places: Index) -> int:
+    """Pixel in each row from `top` on where a chain's ridge is expected, −1 too near to the border.
+
+    `first` is a point of the chain at or above `top`, `last` its last one; returns the point to go on from.
+    """
+    i = first
+    k = 0
+    while k < places.size:
+        while i < last - 1 and table[i + 1, Y] <= top + k:
+            i += 1
+        lean = (table[i + 1, X] - table[i, X]) / (table[i + 1, Y] - table[i, Y])
+        begin = table[i, X] - lean * (table[i, Y] - top)
+        end = min(np.int64(table[i + 1, Y]) - top, places.size) if i < last - 1 else places.size
+        for row in range(k, end):
+            x = np.int64(np.floor(begin + lean * row))
+            places[row] = x if (x >= margin) & (x + margin < width) else -1
+        k = end
+    return i
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _load(row: Any, first: int, count: int, grey: NDArray[np.float32]) -> None:
-    """Pixels of a row from `first` on into the first entries of `grey`."""
-    out, source = grey[:count], row[first : first + count]
-    for k in range(count):
-        out[k] = np.float32(source[k])
+def _load(
+    image: Any, view: Index, top: int, corners: Index, count: int, windows: NDArray[np.float32]
+) -> None:
+    """Pixels of successive rows, from a corner on in each, into the first columns of `windows`."""
+    for k in range(corners.size):
+        source = row_of(image, view, top + k)[corners[k] : corners[k] + count]
+        out = windows[k][:count]
+        for x in range(count):
+            out[x] = np.float32(source[x])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,6 +105,7 @@ def follow(
     -------
     table, starts
         The same chains, every row; a chain whose ridge is seldom seen between the scanned rows is left out.
+        Columns as of `scan_rows`, but for the width, which the scanned rows have told.
     """
     width, height = view[2] - view[0], view[3] - view[1]
     kernel = _whole_kernel(weights)
@@ -87,54 +114,57 @@ def follow(
     margin = reach + 2 + _ASIDE
     # Whole registers; what lies behind the last pixel meets only the zeros of the kernel.
     count = (2 * margin + _LANES) // _LANES * _LANES
-    grey = np.zeros(count + kernel.size, np.float32)
+    windows = np.zeros((_BLOCK, count + kernel.size), np.float32)
+    every_place, every_corner = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
     room = 0
     for c in range(starts.size - 1):
         room += int(table[starts[c + 1] - 1, Y] - table[starts[c], Y]) + step + 1
-    out, responses = np.empty((room, COLUMNS)), np.empty((4, room))
+    out, responses = np.empty((room, WIDTH2)), np.empty((4, room))
     out_starts = np.zeros(starts.size, np.int64)
     n = chains = 0
-    for c in range(starts.size - 1):
+    for c in range(starts.size - 1) if width >= count else range(0):
         first, last = starts[c], starts[c + 1] - 1
         top = max(0, int(table[first, Y]) - (step - 1) // 2)
         bottom = min(height - 1, int(table[last, Y]) + step // 2)
         i = first
         begin = n
-        for y in range(top, bottom + 1):
-            while i < last - 1 and table[i + 1, Y] <= y:
-                i += 1
-            lean = (table[i + 1, X] - table[i, X]) / (table[i + 1, Y] - table[i, Y])
-            x = int(np.floor(table[i, X] + lean * (y - table[i, Y])))
-            if x < margin or x + margin >= width or width < count:
-                continue
-            corner = min(x - margin, width - count)
-            _load(row_of(image, view, y), corner, count, grey)
-            # The response falls through zero between m and m + 1: walk there.
-            m = x - corner
-            b, c1 = _response(grey, m - half, kernel), _response(grey, m + 1 - half, kernel)
-            for _ in range(_ASIDE):
-                if c1 > 0.0:
-                    m += 1
-                    b, c1 = c1, _response(grey, m + 1 - half, kernel)
-                elif b <= 0.0:
-                    m -= 1
-                    b, c1 = _response(grey, m - half, kernel), b
-            if not (b > 0.0 and c1 <= 0.0):
-                continue
-            centre = 0.25 * float(grey[m - 1] + grey[m] + grey[m + 1] + grey[m + 2])
-            left = float(grey[m - flank - 1] + grey[m - flank] + grey[m - flank + 1]) / 3.0
-            right = float(grey[m + flank] + grey[m + flank + 1] + grey[m + flank + 2]) / 3.0
-            if centre - max(left, right) < contrast:
-                continue
-            responses[0, n], responses[1, n] = _response(grey, m - 1 - half, kernel), b
-            responses[2, n], responses[3, n] = c1, _response(grey, m + 2 - half, kernel)
-            point = out[n]
-            point[X] = corner + m
-            point[Y] = y
-            point[STRENGTH] = b - c1
-            point[LEVEL] = centre
-            point[WIDTH2] = (centre - min(left, right)) / (b - c1)
-            n += 1
+        # By blocks, whose pixels are fetched before any is looked at: the processor waits for them once.
+        for y in range(top, bottom + 1, _BLOCK):
+            rows = min(_BLOCK, bottom + 1 - y)
+            places, corners = every_place[:rows], every_corner[:rows]
+            i = _expect(table, i, last, y, margin, width, places)
+            for k in range(rows):
+                corners[k] = max(min(places[k] - margin, width - count), 0)
+            _load(image, view, y, corners, count, windows)
+            for k in range(rows):
+                if places[k] < 0:
+                    continue
+                grey = windows[k]
+                # The response falls through zero between m and m + 1: walk there.
+                m = places[k] - corners[k]
+                b, c1 = _response(grey, m - half, kernel), _response(grey, m + 1 - half, kernel)
+                for _ in range(_ASIDE):
+                    if c1 > 0.0:
+                        m += 1
+                        b, c1 = c1, _response(grey, m + 1 - half, kernel)
+                    elif b <= 0.0:
+                        m -= 1
+                        b, c1 = _response(grey, m - half, kernel), b
+                if not (b > 0.0 and c1 <= 0.0):
+                    continue
+                centre = 0.25 * float(grey[m - 1] + grey[m] + grey[m + 1] + grey[m + 2])
+                left = float(grey[m - flank - 1] + grey[m - flank] + grey[m - flank + 1])
+                right = float(grey[m + flank] + grey[m + flank + 1] + grey[m + flank + 2])
+                if 3.0 * (centre - contrast) < max(left, right):
+                    continue
+                responses[0, n], responses[1, n] = _response(grey, m - 1 - half, kernel), b
+                responses[2, n], responses[3, n] = c1, _response(grey, m + 2 - half, kernel)
+                point = out[n]
+                point[X] = corners[k] + m
+                point[Y] = y + k
+                point[STRENGTH] = b - c1
+                point[LEVEL] = centre
+                n += 1
         if n - begin < _FEWEST * (table[last, Y] - table[first, Y]):
             n = begin
         else:
