@@ -88,16 +88,23 @@ def _respond(
         grey[k] = source[k]
     # Slices, because an index that might be negative keeps the compiler from using vector instructions.
     out = response[:count]
-    for k in range(weights.size):
+    out[:] = np.float32(0.0)
+    # Two weights at a time: fewer ways to the memory and back.
+    paired = weights.size - weights.size % 2
+    for k in range(0, paired, 2):
+        w, next_w = weights[k], weights[k + 1]
+        ahead = grey[pad + k + 1 : pad + k + 1 + count]
+        behind = grey[pad - k - 1 : pad - k - 1 + count]
+        next_ahead = grey[pad + k + 2 : pad + k + 2 + count]
+        next_behind = grey[pad - k - 2 : pad - k - 2 + count]
+        for x in range(count):
+            out[x] += w * (ahead[x] - behind[x]) + next_w * (next_ahead[x] - next_behind[x])
+    for k in range(paired, weights.size):
         w = weights[k]
         ahead = grey[pad + k + 1 : pad + k + 1 + count]
         behind = grey[pad - k - 1 : pad - k - 1 + count]
-        if k == 0:
-            for x in range(count):
-                out[x] = w * (ahead[x] - behind[x])
-        else:
-            for x in range(count):
-                out[x] += w * (ahead[x] - behind[x])
+        for x in range(count):
+            out[x] += w * (ahead[x] - behind[x])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -59,7 +59,7 @@ def _expect(table: Array, first: int, last: int, top: int, margin: int, width: i
             i += 1
         lean = (table[i + 1, X] - table[i, X]) / (table[i + 1, Y] - table[i, Y])
         begin = table[i, X] - lean * (table[i, Y] - top)
-        end = min(np.int64(table[i + 1, Y]) - top, places.size) if i < last - 1 else places.size
+        end = min(int(table[i + 1, Y]) - top, places.size) if i < last - 1 else places.size
         for row in range(k, end):
             x = np.int64(np.floor(begin + lean * row))
             places[row] = x if (x >= margin) & (x + margin < width) else -1

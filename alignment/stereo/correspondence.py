@@ -106,6 +106,11 @@ def _match(
     capacity = points.shape[0]
     n = 0
     offered = 0
+    r00, r01, r02 = rig_from_rectified[0, 0], rig_from_rectified[0, 1], rig_from_rectified[0, 2]
+    r10, r11, r12 = rig_from_rectified[1, 0], rig_from_rectified[1, 1], rig_from_rectified[1, 2]
+    r20, r21, r22 = rig_from_rectified[2, 0], rig_from_rectified[2, 1], rig_from_rectified[2, 2]
+    ox, oy, oz = origin[0], origin[1], origin[2]
+    by_low, by_high = baseline / (zmin - oz), baseline / (zmax - oz)
     rows = right_starts.size - 1
     pointer = np.empty(rows, np.int64)
     lowest, highest = np.full(rows, np.inf), np.full(rows, -np.inf)
@@ -125,16 +130,12 @@ def _match(
                 continue
             offered += 1
             u, v = left[i, 0], left[i, 1]
-            dx = rig_from_rectified[0, 0] * u + rig_from_rectified[0, 1] * v + rig_from_rectified[0, 2]
-            dy = rig_from_rectified[1, 0] * u + rig_from_rectified[1, 1] * v + rig_from_rectified[1, 2]
-            dz = rig_from_rectified[2, 0] * u + rig_from_rectified[2, 1] * v + rig_from_rectified[2, 2]
-            norm = np.sqrt(dx * dx + dy * dy + dz * dz)
+            dx, dy, dz = r00 * u + r01 * v + r02, r10 * u + r11 * v + r12, r20 * u + r21 * v + r22
             # Disparities that the depth range allows; dz < 0, the cameras look at the wheel.
-            near = (zmax - origin[2]) / dz
-            far = (zmin - origin[2]) / dz
-            if not (near > 0.0 and far > near):
+            dmin, dmax = by_low * dz, by_high * dz
+            if not (0.0 < dmin < dmax):
                 continue
-            dmin, dmax = baseline / far, baseline / near
+            norm = np.sqrt(dx * dx + dy * dy + dz * dz)
             for b in range(rows):
                 if v < lowest[b] or v > highest[b] or u - rightmost[b] > dmax or u - leftmost[b] < dmin:
                     continue
@@ -170,9 +171,7 @@ def _match(
                 su = left_sigma[i] / left_sine[i]
                 sr = right_sigma[j] / right_sine[j]
                 point, ray = points[n], rays[n]
-                point[0] = origin[0] + dx * z
-                point[1] = origin[1] + dy * z
-                point[2] = origin[2] + dz * z
+                point[0], point[1], point[2] = ox + dx * z, oy + dy * z, oz + dz * z
                 ray[0], ray[1], ray[2] = dx / norm, dy / norm, dz / norm
                 sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
                 tangent = left_tangents[i]

@@ -67,46 +67,59 @@ def _known(plane: Array, planes: Array, reach: float) -> bool:
     return False
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _weigh(
+    points: Array, several: Index, plane: Array, width: float, distance: Array, a: Array, b: Array
+) -> float:
+    """Normal equations of a plane on the nearest candidate of each group; returns the sum of the weights."""
+    xs, ys, zs = points[0], points[1], points[2]
+    p, q, r = plane[0], plane[1], plane[2]
+    n = xs.size
+    for i in range(n):
+        distance[i] = abs(zs[i] - (p + q * xs[i] + r * ys[i]))
+    for k in range(several.shape[0]):
+        best = several[k, 0]
+        for i in range(several[k, 0] + 1, several[k, 1]):
+            if distance[i] < distance[best]:
+                distance[best] = np.inf
+                best = i
+            else:
+                distance[i] = np.inf
+    per_width = 1.0 / width
+    w0 = wx = wy = wxx = wxy = wyy = wz = wxz = wyz = 0.0
+    for i in range(n):
+        x, y, z, u = xs[i], ys[i], zs[i], min(distance[i] * per_width, 1.0)
+        w = (1.0 - u * u) * (1.0 - u * u)
+        w0 += w
+        wx += w * x
+        wy += w * y
+        wxx += w * x * x
+        wxy += w * x * y
+        wyy += w * y * y
+        wz += w * z
+        wxz += w * x * z
+        wyz += w * y * z
+    a[0, 0], a[0, 1], a[0, 2], a[1, 1], a[1, 2], a[2, 2] = w0, wx, wy, wxx, wxy, wyy
+    a[1, 0], a[2, 0], a[2, 1] = wx, wy, wxy
+    b[0], b[1], b[2] = wz, wxz, wyz
+    return w0
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grow(
-    points: Array, group: Index, start: Array, gate: float, slope_limit: float, planes: Array, reach: float
+    points: Array, several: Index, start: Array, gate: float, slope_limit: float, planes: Array, reach: float
 ) -> tuple[Array, float]:
     """Refine a plane on the nearest candidate of each group; the score counts groups by biweight.
 
-    The score is 0 for a plane that is none, and for one that comes to one of the known planes.
+    The score is 0 for a plane that is none, and for one that comes to one of the known planes. Points are
+    (3, N); `several` are first and last + 1 (M, 2) of the groups that have more than one candidate.
     """
     plane = start.copy()
     score = 0.0
-    n = points.shape[0]
+    distance, a, b = np.empty(points.shape[1]), np.empty((3, 3)), np.empty(3)
     for iteration in range(8):
         width = gate * (2.0 if iteration < 2 else 1.0)
-        a = np.zeros((3, 3))
-        b = np.zeros(3)
-        score = 0.0
-        i = 0
-        while i < n:
-            best, best_distance = -1, width
-            g = group[i]
-            while i < n and group[i] == g:
-                z = plane[0] + plane[1] * points[i, 0] + plane[2] * points[i, 1]
-                distance = abs(points[i, 2] - z)
-                if distance < best_distance:
-                    best, best_distance = i, distance
-                i += 1
-            if best >= 0:
-                w = (1.0 - (best_distance / width) ** 2) ** 2
-                x, y, z = points[best, 0], points[best, 1], points[best, 2]
-                a[0, 0] += w
-                a[0, 1] += w * x
-                a[0, 2] += w * y
-                a[1, 1] += w * x * x
-                a[1, 2] += w * x * y
-                a[2, 2] += w * y * y
-                b[0] += w * z
-                b[1] += w * x * z
-                b[2] += w * y * z
-                score += w
-        a[1, 0], a[2, 0], a[2, 1] = a[0, 1], a[0, 2], a[1, 2]
+        score = _weigh(points, several, plane, width, distance, a, b)
         p, q, r, ok = solve3(a, b)
         if not ok or abs(q) > slope_limit or abs(r) > slope_limit:
             return plane, 0.0
@@ -145,11 +158,13 @@ def plane_hypotheses(
     last = np.r_[first[1:], len(group)]
     chosen = slice(None, None, max(1, len(first) // _SAMPLES))
     begin, count = first[chosen], last[chosen] - first[chosen]
-    rows = np.arange(count.sum()) + np.repeat(begin - np.r_[0, np.cumsum(count)[:-1]], count)
+    behind = np.cumsum(count)
+    rows = np.arange(count.sum()) + np.repeat(begin - (behind - count), count)
+    several = np.column_stack([behind - count, behind])[count > 1]
     lo, hi = depth_range
     heights = np.linspace(lo, hi, max(2, round((hi - lo) / _Z_STEP)))
     planes, scores = _grow_all(
-        np.ascontiguousarray(points[rows]), group[rows], heights, np.array(_TILTS), _GATE, slope_limit
+        np.ascontiguousarray(points[rows].T), several, heights, np.array(_TILTS), _GATE, slope_limit
     )
     found = [
         PlaneHypothesis(plane, float(score) / len(first[chosen]))
@@ -161,18 +176,18 @@ def plane_hypotheses(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grow_all(
-    points: Array, group: Index, heights: Array, tilts: Array, gate: float, slope_limit: float
+    points: Array, several: Index, heights: Array, tilts: Array, gate: float, slope_limit: float
 ) -> tuple[Array, Array]:
-    """Grow a plane from every start value; the different ones (P, 3) and their scores (P,)."""
+    """Grow a plane from every start value, see `_grow`; the different ones (P, 3) and their scores (P,)."""
     capacity = heights.size * tilts.size**2
     planes, scores = np.empty((capacity, 3)), np.empty(capacity)
-    reach = np.abs(points[:, :2]).max()
+    reach = np.abs(points[:2]).max()
     found = 0
     for z in heights:
         for tx in tilts:
             for ty in tilts:
                 plane, score = _grow(
-                    points, group, np.array([z, tx, ty]), gate, slope_limit, planes[:found], reach
+                    points, several, np.array([z, tx, ty]), gate, slope_limit, planes[:found], reach
                 )
                 if score > 0.0:
                     planes[found] = plane

@@ -23,50 +23,69 @@ _RING = 2.0  # mm; width of the rings whose mean height is left free, which stan
 _MOVES = 5  # a patch may rise, lean two ways, and shift two ways along the slope of the sidewall
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _sums(
     points: Array,
     weights: Array,
     residuals: Array,
-    head: Index,
-    heads: int,
+    bounds: Index,
     centre: Array,
     frame: Array,
     start: float,
     step: float,
     profile: Array,
 ) -> tuple[Array, Array, Array, Array]:
-    """Weighted sums of the moves m and residuals r.
+    """Weighted sums of the moves m and residuals r; head h has the points bounds[h] to bounds[h + 1] − 1.
 
     Per head Σ w m mᵀ (H, 5, 5) and Σ w m r (H, 5); per ring and head Σ w m (R, H, 5), whose first entry is
     Σ w, and Σ w r (R, H).
     """
-    rings = int(step * profile.size / _RING) + 2
+    heads, rings = bounds.size - 1, int(step * profile.size / _RING) + 2
     square, right = np.zeros((heads, _MOVES, _MOVES)), np.zeros((heads, _MOVES))
     ring_moves, ring_right = np.zeros((rings, heads, _MOVES)), np.zeros((rings, heads))
-    move, pieces = np.ones(_MOVES), pieces_of(profile)
-    for i in range(points.shape[0]):
-        w = weights[i]
-        if w <= 0.0:
-            continue
-        qx, qy, qz = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        x = frame[0, 0] * qx + frame[0, 1] * qy + frame[0, 2] * qz
-        y = frame[1, 0] * qx + frame[1, 1] * qy + frame[1, 2] * qz
-        rho = math.sqrt(x * x + y * y)
-        outward = slope_of_profile(rho, start, step, pieces) / rho
-        move[1], move[2], move[3], move[4] = x, y, outward * x, outward * y
-        h, ring = head[i], int((rho - start) / _RING)
-        ring_right[ring, h] += w * residuals[i]
-        of_ring, of_head = ring_moves[ring, h], square[h]
+    pieces, per_ring = pieces_of(profile), 1.0 / _RING
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
+    f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
+    longest = np.diff(bounds).max()
+    move, every_rest, ring = np.ones((_MOVES, longest)), np.empty(longest), np.empty(longest, np.int64)
+    for h in range(heads):
+        n = bounds[h + 1] - bounds[h]
+        weight, rest = weights[bounds[h] : bounds[h + 1]], every_rest[:n]
+        across, up, out_x, out_y = move[1][:n], move[2][:n], move[3][:n], move[4][:n]
+        for k in range(n):
+            i = bounds[h] + k
+            qx, qy, qz = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+            x = f00 * qx + f01 * qy + f02 * qz
+            y = f10 * qx + f11 * qy + f12 * qz
+            rho = math.sqrt(x * x + y * y)
+            outward = slope_of_profile(rho, start, step, pieces) / rho
+            across[k], up[k], out_x[k], out_y[k] = x, y, outward * x, outward * y
+            ring[k] = int((rho - start) * per_ring)
+            rest[k] = residuals[i] if weight[k] > 0.0 else 0.0
+        # Sum by sum: loops that compilers turn into vector instructions.
         for a in range(_MOVES):
-            wa = w * move[a]
-            of_ring[a] += wa
-            right[h, a] += wa * residuals[i]
+            one = move[a][:n]
+            total = 0.0
+            for k in range(n):
+                total += weight[k] * one[k] * rest[k]
+            right[h, a] = total
             for b in range(a + 1):
-                of_head[a, b] += wa * move[b]
-    for a in range(_MOVES):
-        for b in range(a):
-            square[:, b, a] = square[:, a, b]
+                other = move[b][:n]
+                total = 0.0
+                for k in range(n):
+                    total += weight[k] * one[k] * other[k]
+                square[h, a, b] = square[h, b, a] = total
+        for k in range(n):
+            w = weight[k]
+            if w > 0.0:
+                ring_right[ring[k], h] += w * rest[k]
+                of_ring = ring_moves[ring[k], h]
+                of_ring[0] += w
+                of_ring[1] += w * across[k]
+                of_ring[2] += w * up[k]
+                of_ring[3] += w * out_x[k]
+                of_ring[4] += w * out_y[k]
     return square, right, ring_moves, ring_right
 
 
@@ -94,14 +113,15 @@ def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> 
     points
         (N, 3) as they were given to `fit_revolution`.
     head
-        (N,) whose they are, numbers from 0; each must have points with weight.
+        (N,) whose they are, head after head, numbers from 0; each must have points with weight.
     heads
         How many there are.
     fit
         The result.
     """
+    bounds = np.searchsorted(head, np.arange(heads + 1))
     square, right, ring_moves, ring_right = _sums(
-        points, fit.weights, fit.residuals, head, heads, fit.centre, fit.tilt_axes, fit.knots_start,
+        points, fit.weights, fit.residuals, bounds, fit.centre, fit.tilt_axes, fit.knots_start,
         fit.knots_step, fit.profile,
     )  # fmt: skip
     weight = ring_moves[:, :, 0]

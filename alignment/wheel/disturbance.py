@@ -53,10 +53,13 @@ def undisturbed(ratio: Array, inside: Mask, line: Index, scale: float) -> Mask:
     n = ratio.size
     keep, bad = np.ones(n, np.bool_), np.zeros(n, np.bool_)
     total, count = np.zeros(n + 1), np.zeros(n + 1, np.int64)
+    gross, clip = _GROSS * scale, _CLIP * scale
+    value = np.empty(n)
     for i in range(n):
-        bad[i] = not inside[i] or abs(ratio[i]) > _GROSS * scale
-        value = min(max(ratio[i], -_CLIP * scale), _CLIP * scale) if inside[i] else 0.0
-        total[i + 1] = total[i] + value
+        bad[i] = (not inside[i]) | (abs(ratio[i]) > gross)
+        value[i] = min(max(ratio[i], -clip), clip) if inside[i] else 0.0
+    for i in range(n):
+        total[i + 1] = total[i] + value[i]
         count[i + 1] = count[i] + inside[i]
     _clear_around(bad, line, _BESIDE_GROSS, keep)
     mean, sample = np.zeros(n), np.empty(n)

@@ -70,32 +70,39 @@ def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: in
     return out
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _polar(points: Array, normal: Array, centre: Array) -> tuple[Array, Array, Array]:
+    """Distance from the axis (N,), tangent of the angle from the points' middle (N,), outward unit (3, N)."""
+    n = points.shape[0]
+    radius, angle, outward = np.empty(n), np.empty(n), np.empty((3, n))
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    out_x, out_y, out_z = outward[0], outward[1], outward[2]
+    mean = np.zeros(3)
+    for i in range(n):
+        x, y, z = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+        height = x * nx + y * ny + z * nz
+        x, y, z = x - height * nx, y - height * ny, z - height * nz
+        radius[i] = math.sqrt(x * x + y * y + z * z)
+        unit = 1.0 / max(radius[i], 1.0)
+        out_x[i], out_y[i], out_z[i] = x * unit, y * unit, z * unit
+        mean[0] += x * unit
+        mean[1] += y * unit
+        mean[2] += z * unit
+    mean /= max(math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), 1e-9)
+    side = np.cross(normal, mean)
+    for i in range(n):
+        across = out_x[i] * side[0] + out_y[i] * side[1] + out_z[i] * side[2]
+        ahead = out_x[i] * mean[0] + out_y[i] * mean[1] + out_z[i] * mean[2]
+        angle[i] = across / max(ahead, _LEAST_COSINE)
+    return radius, angle, outward
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Array, out: Array) -> None:
     """Write the way (N,) of one head's points along their rays, millimetres, into `out`."""
     n = points.shape[0]
-    radius, angle = np.empty(n), np.empty(n)
-    outward, along = np.empty((n, 3)), np.empty(3)
-    mean = np.zeros(3)
-    for i in range(n):
-        height = 0.0
-        for a in range(3):
-            along[a] = points[i, a] - centre[a]
-            height += along[a] * normal[a]
-        square = 0.0
-        for a in range(3):
-            along[a] -= height * normal[a]
-            square += along[a] * along[a]
-        radius[i] = math.sqrt(square)
-        for a in range(3):
-            outward[i, a] = along[a] / max(radius[i], 1.0)
-            mean[a] += outward[i, a]
-    mean /= max(math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), 1e-9)
-    side = np.cross(normal, mean)
-    for i in range(n):
-        y = outward[i, 0] * side[0] + outward[i, 1] * side[1] + outward[i, 2] * side[2]
-        x = outward[i, 0] * mean[0] + outward[i, 1] * mean[1] + outward[i, 2] * mean[2]
-        angle[i] = y / max(x, _LEAST_COSINE)
+    radius, angle, outward = _polar(points, normal, centre)
     start = radius.min()
     rings = int((radius.max() - start) / _RING) + 1
     stride = max(1, n // _SOME)
@@ -124,27 +131,33 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
             weight[i] = (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0
     if rings < 4:
         return
+    # Of each inner ring: what the coefficients rise per millimetre, and those of the slope over the angle.
+    local = np.zeros((rings, 2 * _TERMS - 1))
+    for k in range(1, rings - 1):
+        for a in range(_TERMS):
+            local[k, a] = (model[k + 1, a] - model[k - 1, a]) / (2.0 * _RING)
+            if a > 0:
+                local[k, _TERMS + a - 1] = a * model[k, a]
+    # Steep lines were located along the rows, flat ones along the columns; what a direction meets of the
+    # outward and of the tangential one is a product with these.
+    along, around = np.empty((2, 3)), np.empty((2, 3))
+    for line in range(2):
+        along[line], around[line] = axes[:, line], np.cross(axes[:, line], normal)
     for i in range(n):
         g = (radius[i] - start) / _RING - 0.5
-        k = min(max(math.floor(g), 1), rings - 3)
+        k = min(max(int(g), 1), rings - 3)
         t = min(max(g - k, 0.0), 1.0)
-        by_radius = by_angle = 0.0
-        power = 1.0  # of the angle, and its derivative's
-        for a in range(_TERMS):
-            rise = (1.0 - t) * (model[k + 1, a] - model[k - 1, a]) + t * (model[k + 2, a] - model[k, a])
-            by_radius += power * rise / (2.0 * _RING)
-            if a + 1 < _TERMS:
-                by_angle += (a + 1) * power * ((1.0 - t) * model[k, a + 1] + t * model[k + 1, a + 1])
-            power *= angle[i]
-        by_arc = by_angle * (1.0 + angle[i] * angle[i]) / max(radius[i], 1.0)
-        # Steep lines were located along the rows, flat ones along the columns; a shift by δ along the column
-        # is one by −δ · lean along the row.
+        low, high, turn = local[k], local[k + 1], angle[i]
+        by_radius = (1.0 - t) * (low[0] + turn * (low[1] + turn * low[2]))
+        by_radius += t * (high[0] + turn * (high[1] + turn * high[2]))
+        by_angle = (1.0 - t) * (low[3] + turn * low[4]) + t * (high[3] + turn * high[4])
+        by_arc = by_angle * (1.0 + turn * turn) / max(radius[i], 1.0)
         lean = light[i, LEAN]
         line = 0 if abs(lean) <= 1.0 else 1
-        x, y, z = outward[i, 0], outward[i, 1], outward[i, 2]
-        slope = axes[0, line] * (by_radius * x + by_arc * (normal[1] * z - normal[2] * y))
-        slope += axes[1, line] * (by_radius * y + by_arc * (normal[2] * x - normal[0] * z))
-        slope += axes[2, line] * (by_radius * z + by_arc * (normal[0] * y - normal[1] * x))
+        x, y, z = outward[0, i], outward[1, i], outward[2, i]
+        slope = by_radius * (along[line, 0] * x + along[line, 1] * y + along[line, 2] * z)
+        slope += by_arc * (around[line, 0] * x + around[line, 1] * y + around[line, 2] * z)
+        # A shift by δ along the column is one by −δ · lean along the row.
         spread = 1.0 + lean * lean if line == 0 else -(lean + 1.0 / lean)
         shift = light[i, GAIN] * spread * slope
         if not np.isnan(shift):

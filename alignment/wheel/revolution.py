@@ -241,8 +241,8 @@ class _Data:
             np.ascontiguousarray(points),
             np.ascontiguousarray(sigma),
             np.ascontiguousarray(rays),
-            np.zeros((kernels.ROWS, n)),
-            np.zeros(n, np.int64),
+            np.empty((kernels.ROWS, n)),
+            np.empty(n, np.int64),
         )
 
     @property
