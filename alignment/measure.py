@@ -265,7 +265,9 @@ def _without_intruder(pool: PointPool, surface: _Surface, axes: Array) -> _Surfa
 
 def _fit(pool: PointPool, chosen: NDArray[np.bool_], normal: Array, centre: Array, axes: Array) -> _Surface:
     mine = without_gloss(pool.where(chosen), axes, normal, centre)
-    fit = fit_revolution(mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line)
+    fit = fit_revolution(
+        mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line, spread=mine.spread
+    )
     return _Surface(fit, chosen, mine)
 
 

@@ -131,7 +131,9 @@ def _surface(matched: Sequence[Candidates], settings: MeasureSettings) -> Revolu
     first = np.cumsum([0, *(int(c.left_point.max()) + 1 for c in matched)])
     group = np.concatenate([c.left_point + n for c, n in zip(matched, first, strict=False)])
     points = np.concatenate([c.points for c in matched])
-    sigma, rays = (np.concatenate([getattr(c, name) for c in matched]) for name in ("sigma", "rays"))
+    sigma, rays, spread = (
+        np.concatenate([getattr(c, name) for c in matched]) for name in ("sigma", "rays", "spread")
+    )
     slope = math.tan(settings.maximum_angle) + 0.05
     best: RevolutionFit | None = None
     for hypothesis in plane_hypotheses(points, group, settings.depth_range_mm, slope)[:_HYPOTHESES]:
@@ -147,6 +149,7 @@ def _surface(matched: Sequence[Candidates], settings: MeasureSettings) -> Revolu
                 cluster,
                 np.array([-c[1], -c[2], 1.0]),
                 np.array([0.0, 0.0, c[0]]),
+                spread=spread[chosen],
             )
         except DegenerateInputError:
             continue

@@ -35,6 +35,8 @@ class Candidates:
         (N,) standard deviation along the left ray, millimetres.
     rays
         (N, 3) unit directions of the left rays, rig frame.
+    spread
+        (N,) variance of the light line's profile on the surface, millimetres squared.
     left_point
         (N,) index of the left line point; candidates of one point stand together.
     left_line
@@ -52,6 +54,7 @@ class Candidates:
     points: Array
     sigma: Array
     rays: Array
+    spread: Array
     left_point: Index
     left_line: Index
     right_point: Index
@@ -85,7 +88,7 @@ def _match(
     right_sine: Array,
     right_sigma: Array,
     right_strength: Array,
-    spread: float,
+    variance: float,
     rig_from_rectified: Array,
     origin: Array,
     baseline: float,
@@ -96,12 +99,13 @@ def _match(
     points: Array,
     rays: Array,
     sigma: Array,
+    spread: Array,
     light: Array,
     indices: Index,
 ) -> tuple[int, int]:
-    """Candidates into the rows of the last five; how many, and how many points were offered.
+    """Candidates into the rows of the last six; how many, and how many points were offered.
 
-    `spread` is the variance of the lines' profile, in the units of `left`, squared.
+    `variance` is that of the lines' profile, in the units of `left`, squared.
     """
     capacity = points.shape[0]
     n = 0
@@ -177,8 +181,9 @@ def _match(
                 tangent = left_tangents[i]
                 light[n, RATIO] = left_strength[i] / max(right_strength[j], 1e-12)
                 light[n, LEAN] = tangent[0] / (tangent[1] if tangent[1] != 0.0 else 1e-9)
-                # Disparity errs by spread · d ln ratio/du, and a step in u is z millimetres there.
-                light[n, GAIN] = z * z * z / baseline * spread * norm
+                spread[n] = z * z * variance
+                # Disparity errs by variance · d ln ratio/du, and a step in u is z millimetres there.
+                light[n, GAIN] = z / baseline * spread[n] * norm
                 indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
     return n, offered
@@ -191,7 +196,7 @@ def _match_all(
     sigmas: Array,
     strengths: Array,
     tangents: Array,
-    spreads: Array,
+    variances: Array,
     first_points: Index,
     first_lines: Index,
     packed: Array,
@@ -205,6 +210,7 @@ def _match_all(
     points: Array,
     rays: Array,
     sigma: Array,
+    spread: Array,
     light: Array,
     indices: Index,
     counts: Index,
@@ -229,9 +235,10 @@ def _match_all(
             strengths[a:b], tangents[a:b],
             uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c],
             strengths[b:c],
-            spreads[head],
+            variances[head],
             rotations[head], origins[head], baselines[head], depth_range[0], depth_range[1],
-            flattest, bridge[head], points[head], rays[head], sigma[head], light[head], indices[head],
+            flattest, bridge[head], points[head], rays[head], sigma[head], spread[head],
+            light[head], indices[head],
         )  # fmt: skip
 
 
@@ -293,7 +300,8 @@ def match_heads(
     numbers = [len(each.points) for each in every]
     capacity = 4 * max(numbers) + 1024
     points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
-    sigma, light = np.empty((len(heads), capacity)), np.empty((len(heads), capacity, 3))
+    sigma, spread = np.empty((2, len(heads), capacity))
+    light = np.empty((len(heads), capacity, 3))
     widths = np.array([each.width for each in every]) / geometry.focal
     indices = np.empty((len(heads), 3, capacity), np.int64)
     counts = np.zeros((len(heads), 2), np.int64)
@@ -317,6 +325,7 @@ def match_heads(
         points,
         rays,
         sigma,
+        spread,
         light,
         indices,
         counts,
@@ -326,6 +335,7 @@ def match_heads(
             points=points[k, :n],
             sigma=sigma[k, :n],
             rays=rays[k, :n],
+            spread=spread[k, :n],
             left_point=indices[k, 0, :n],
             left_line=indices[k, 1, :n],
             right_point=indices[k, 2, :n],

@@ -101,6 +101,7 @@ def fit_revolution(
     centre: Array,
     *,
     line: Index | None = None,
+    spread: Array | None = None,
     knot_step: float = 1.0,
     scale_floor: float = 0.3,
 ) -> RevolutionFit:
@@ -122,6 +123,9 @@ def fit_revolution(
     line
         (N,) number of each point's line, points in their order along it: stretches that leave the surface
         together are left out. None: no order is known.
+    spread
+        (N,) variance of each point's light line on the surface, millimetres squared; where the surface bends
+        within the line, the point counts less. None: lines without width.
     knot_step
         Knot distance of the profile, millimetres.
     scale_floor
@@ -133,6 +137,7 @@ def fit_revolution(
         When the points do not determine an axis.
     """
     n = len(points)
+    spread = np.zeros(n) if spread is None else spread
     if n < FEWEST:
         raise DegenerateInputError(field="points", expected=f"at least {FEWEST} points", seen=str(n))
     state = _State(frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
@@ -142,7 +147,7 @@ def fit_revolution(
         (max(1, n // 2000), 2.0 * knot_step, 1.0, 2, 20.0 * _SETTLED),
         (1, knot_step, 1.0, 2 if line is not None else 5, _SETTLED),
     ):
-        data = _Data.of(points[::thin], sigma[::thin], rays[::thin])
+        data = _Data.of(points[::thin], sigma[::thin], rays[::thin], spread[::thin])
         state.step = step
         state.start, state.profile = kernels.local_medians(data.points, state.centre, state.frame, step)
         settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled, renew=True)
@@ -150,7 +155,8 @@ def fit_revolution(
     if line is not None:
         for iterations in _CLEANINGS:
             keep = undisturbed(data.ratio, data.first >= 0, line[kept], scale)
-            kept, data = kept[keep], _Data.of(*take_points(keep, data.points, data.sigma, data.rays))
+            kept = kept[keep]
+            data = _Data.of(*take_points(keep, data.points, data.sigma, data.rays, data.spread))
             settles, scale = data.iterate(state, 1.0, scale_floor, iterations, _SETTLED)
     if not settles:
         _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
@@ -201,11 +207,12 @@ def least_covariance(points: Array, sigma: Array, rays: Array, fit: RevolutionFi
         When the points do not determine an axis.
     """
     frame = np.vstack([fit.tilt_axes, fit.normal])
-    data, still = _Data.of(points, sigma, rays), _Data.of(points, np.zeros(len(points)), rays)
+    none = np.zeros(len(points))
+    data, still = _Data.of(points, sigma, rays, none), _Data.of(points, none, rays, none)
     for each in (data, still):
         kernels.rows(
-            each.points, each.sigma, each.rays, fit.centre, frame, fit.knots_start, fit.knots_step,
-            fit.profile, each.table, each.first,
+            each.points, each.sigma, each.rays, each.spread, fit.centre, frame, fit.knots_start,
+            fit.knots_step, fit.profile, each.table, each.first,
         )  # fmt: skip
     variance = data.table[DEVIATION] ** 2 - still.table[DEVIATION] ** 2
     data.table[WEIGHT] = np.where(
@@ -231,16 +238,18 @@ class _Data:
     points: Array
     sigma: Array
     rays: Array
+    spread: Array
     table: Array
     first: Index
 
     @classmethod
-    def of(cls, points: Array, sigma: Array, rays: Array) -> _Data:
+    def of(cls, points: Array, sigma: Array, rays: Array, spread: Array) -> _Data:
         n = len(points)
         return cls(
             np.ascontiguousarray(points),
             np.ascontiguousarray(sigma),
             np.ascontiguousarray(rays),
+            np.ascontiguousarray(spread),
             np.empty((kernels.ROWS, n)),
             np.empty(n, np.int64),
         )
@@ -263,8 +272,8 @@ class _Data:
     ) -> tuple[bool, float]:
         """Move the working point by Gauss–Newton steps, or only weigh for none; settled?, and the scale."""
         outcome, scale = iterate(
-            self.points, self.sigma, self.rays, state.centre, state.frame, state.start, state.step,
-            state.profile, _TUKEY, first_cut, floor, iterations, settled, renew,
+            self.points, self.sigma, self.rays, self.spread, state.centre, state.frame, state.start,
+            state.step, state.profile, _TUKEY, first_cut, floor, iterations, settled, renew,
             self.table, self.first,
         )  # fmt: skip
         if outcome == TOO_FEW:

@@ -15,6 +15,7 @@ Index = NDArray[np.int64]
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 FEWEST = 50  # points within the profile for a fit
 ACROSS = 0.035  # mm; where the surface bends and shines, light and shape shift a point's place on the slope
+BEND = 0.5  # of a line's spread: where the surface bends within it, shape shifts its middle by about that
 _SIXTH = 1.0 / 6.0
 _MEDIAN_POINTS = 1000  # make a start profile
 _BLOCK = 256  # points
@@ -80,6 +81,7 @@ def rows(
     points: Array,
     sigma: Array,
     rays: Array,
+    spread: Array,
     centre: Array,
     frame: Array,
     start: float,
@@ -90,13 +92,14 @@ def rows(
 ) -> None:
     """Residual, its deviation, derivatives and place in the spline of each point, into `table` and `first`.
 
-    A point errs along its ray, by `sigma`, and a little across the slope. `first` is the first of the four
+    A point errs along its ray, by `sigma`, a little across the slope, and where the surface bends within the
+    light line, whose middle is then no longer where its light is brightest. `first` is the first of the four
     coefficients that a point depends on, −1 for a point beyond the profile, whose row of the table says
     nothing.
     """
     # By blocks that stay in the nearest cache, each step a loop without branches over a table of its own:
     # compilers make vector instructions of that, several times faster than point after point.
-    block, interval = np.ones((12, _BLOCK)), np.zeros(_BLOCK, np.int64)
+    block, interval = np.ones((13, _BLOCK)), np.zeros(_BLOCK, np.int64)
     pieces = pieces_of(profile)
     per_step, end = 1.0 / step, float(pieces.shape[0] - 1)
     cx, cy, cz = centre[0], centre[1], centre[2]
@@ -109,7 +112,7 @@ def rows(
             for a in range(3):
                 block[a, i] = points[begin + i, a]
                 block[3 + a, i] = rays[begin + i, a]
-            block[6, i] = sigma[begin + i]
+            block[6, i], block[12, i] = sigma[begin + i], spread[begin + i]
         for i in range(_BLOCK):
             qx, qy, qz = block[0, i] - cx, block[1, i] - cy, block[2, i] - cz
             x = f00 * qx + f01 * qy + f02 * qz
@@ -134,7 +137,9 @@ def rows(
             along = block[6, i] * max(abs(block[4, i] - outward * block[3, i]), 0.1)
             tilt = 1.0 + outward * h
             block[0, i] = h - (block[8, i] + t * (c1 + t * (c2 + t * c3)))
-            block[1, i] = math.sqrt(along * along + (ACROSS * slope) * (ACROSS * slope))
+            aside = ACROSS * slope
+            bent = BEND * block[12, i] * (2.0 * c2 + 6.0 * c3 * t) * per_step * per_step
+            block[1, i] = math.sqrt(along * along + aside * aside + bent * bent)
             block[2, i], block[3, i] = x * tilt, y * tilt
             block[4, i], block[5, i] = outward * x, outward * y
         for a in range(PLACE):

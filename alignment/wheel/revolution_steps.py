@@ -173,6 +173,7 @@ def iterate(
     points: Array,
     sigma: Array,
     rays: Array,
+    spread: Array,
     centre: Array,
     frame: Array,
     start: float,
@@ -195,7 +196,7 @@ def iterate(
 
     Parameters
     ----------
-    points, sigma, rays
+    points, sigma, rays, spread
         As for `fit_revolution`.
     start, step
         First knot and knot distance, millimetres.
@@ -213,7 +214,7 @@ def iterate(
     scale = stiffness = 0.0
     corner = side = band = np.empty((0, 0))
     for iteration in range(max(iterations, 1)):
-        rows(points, sigma, rays, centre, frame, start, step, profile, table, first)
+        rows(points, sigma, rays, spread, centre, frame, start, step, profile, table, first)
         wide = first_cut if iteration < min(_LOOSE, iterations) else 1.0
         scale = weigh(table, first, cut * wide, floor)
         if scale < 0.0:

@@ -37,7 +37,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     count = QUICK_REPEATS if quick else REPEATS
     rng = np.random.default_rng([seed, 7])
     progress(0.0, "picture")
-    points, sigma, rays, line, surface = wheel_points(seed, rng)
+    points, sigma, rays, spread, line, surface = wheel_points(seed, rng)
     cluster = line * 65536 + np.arange(len(line)) // _STRETCH
     cluster = np.unique(cluster, return_inverse=True)[1].astype(np.int64)
     bound = np.sqrt(np.diag(least_covariance(points, sigma, rays, surface)))
@@ -45,7 +45,9 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     for k in range(count):
         progress(k / count, f"repeat {k + 1} of {count}")
         moved = points + (sigma * rng.standard_normal(len(sigma)))[:, None] * rays
-        fit = fit_revolution(moved, sigma, rays, cluster, surface.normal, surface.centre, line=line)
+        fit = fit_revolution(
+            moved, sigma, rays, cluster, surface.normal, surface.centre, line=line, spread=spread
+        )
         tilts[k] = surface.tilt_axes @ fit.normal
         stated[k] = np.sqrt(np.diag(fit.covariance))
     scatter = tilts.std(axis=0, ddof=1)
@@ -77,8 +79,10 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     return StudyResult(tuple(rows), figures, goals, text, {"efficiency": _plot(tilts, bound)})
 
 
-def wheel_points(seed: int, rng: np.random.Generator) -> tuple[Array, Array, Array, Index, RevolutionFit]:
-    """Points (N, 3), deviations, rays, lines of a rendered wheel, laid on the surface that fits them."""
+def wheel_points(
+    seed: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array, Index, RevolutionFit]:
+    """Points, deviations, rays, spreads, lines of a rendered wheel, laid on the surface that fits them."""
     rig = study_rig("standard", seed)
     scene = draw_scene(rig.spec, rig.side, draw_pose(rng, 0.01, -0.005), rng, seed=seed)
     pictures = exposed(lights(scene, rig.true), scene, rng)
@@ -91,6 +95,7 @@ def wheel_points(seed: int, rng: np.random.Generator) -> tuple[Array, Array, Arr
     points = np.concatenate([c.points for c in matched])
     sigma = np.concatenate([c.sigma for c in matched])
     rays = np.concatenate([c.rays for c in matched])
+    spread = np.concatenate([c.spread for c in matched])
     line = np.concatenate([c.left_line + k for c, k in zip(matched, first, strict=False)])
     near = np.abs(points[:, 2] - np.median(points[:, 2])) < 40.0
     fit = fit_revolution(
@@ -101,15 +106,16 @@ def wheel_points(seed: int, rng: np.random.Generator) -> tuple[Array, Array, Arr
         np.array([0.0, 0.0, 1.0]),
         np.zeros(3),
         line=line[near],
+        spread=spread[near],
     )
     on = np.abs(np.nan_to_num(fit.height(points), nan=np.inf)) < _GATE
-    points, sigma, rays, line = points[on], sigma[on], rays[on], line[on]
+    points, sigma, rays, spread, line = points[on], sigma[on], rays[on], spread[on], line[on]
     for _ in range(5):
         # Along its ray each point goes to the surface.
         rate = (fit.height(points + 1e-3 * rays) - fit.height(points)) / 1e-3
         points = points - (fit.height(points) / rate)[:, None] * rays
     inside = np.isfinite(points).all(axis=1)
-    return points[inside], sigma[inside], rays[inside], line[inside], fit
+    return points[inside], sigma[inside], rays[inside], spread[inside], line[inside], fit
 
 
 def _plot(tilts: Array, bound: Array) -> Figure:

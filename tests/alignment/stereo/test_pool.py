@@ -11,6 +11,7 @@ def candidates(seed: int, count: int) -> Candidates:
         points=rng.standard_normal((count, 3)),
         sigma=rng.uniform(0.01, 0.1, count),
         rays=rng.standard_normal((count, 3)),
+        spread=rng.uniform(0.1, 0.5, count),
         light=rng.uniform(0.5, 2.0, (count, 3)),
         left_point=point,
         left_line=point // 40,
@@ -37,5 +38,5 @@ def test_the_points_of_a_mask_are_those_that_indexing_gives() -> None:
     pool = PointPool.of([candidates(4, 300), candidates(5, 200)])
     mask = np.random.default_rng(6).random(500) < 0.7
     part = pool.where(mask)
-    for name in ("points", "sigma", "rays", "group", "cluster", "line", "head"):
+    for name in ("points", "sigma", "rays", "spread", "light", "group", "cluster", "line", "head"):
         np.testing.assert_array_equal(getattr(part, name), getattr(pool, name)[mask])

@@ -27,14 +27,15 @@ class Case:
         rays = np.array([0.0, 0.0, -1.0]) + 0.2 * rng.standard_normal((count, 3))
         self.rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         self.sigma = rng.uniform(0.01, 0.05, count)
+        self.spread = rng.uniform(0.0, 0.3, count)
         self.centre = rng.uniform(-5.0, 5.0, 3)
         self.frame = frame_of(np.array([*rng.uniform(-0.08, 0.08, 2), 1.0]))
         self.profile = 2.0 + 0.3 * rng.standard_normal(KNOTS)
         self.table = np.full((kernels.ROWS, count), np.nan)
         self.first = np.full(count, -7)
         kernels.rows(
-            self.points, self.sigma, self.rays, self.centre, self.frame, START, STEP, self.profile,
-            self.table, self.first,
+            self.points, self.sigma, self.rays, self.spread, self.centre, self.frame, START, STEP,
+            self.profile, self.table, self.first,
         )  # fmt: skip
         self.inside = self.first >= 0
 
@@ -73,16 +74,17 @@ def test_residuals_are_heights_above_the_spline_and_none_is_claimed_beyond_it(se
 
 @given(st.integers(0, 2**31))
 @settings(max_examples=10)
-def test_a_points_deviation_is_that_of_its_height_when_it_moves_along_its_ray(seed: int) -> None:
+def test_a_points_deviation_is_that_of_its_height_along_its_ray_on_a_slope_and_in_a_bend(seed: int) -> None:
     case = Case(seed)
     step = 1e-4
     moved = case.points + step * case.rays
     before = kernels.heights(case.points, case.centre, case.frame, START, STEP, case.profile)
     after = kernels.heights(moved, case.centre, case.frame, START, STEP, case.profile)
     local = (case.points - case.centre) @ case.frame.T
-    slope = case.spline(np.zeros(KNOTS)).derivative()(np.hypot(local[:, 0], local[:, 1]))
+    radius, spline = np.hypot(local[:, 0], local[:, 1]), case.spline(np.zeros(KNOTS))
+    slope, bend = spline.derivative()(radius), spline.derivative(2)(radius)
     along = case.sigma * np.maximum(np.abs(after - before) / step, 0.1)
-    expected = np.hypot(along, kernels.ACROSS * slope)
+    expected = np.hypot(np.hypot(along, kernels.ACROSS * slope), kernels.BEND * case.spread * bend)
     # Where the step crosses a knot the difference is a mean of two cubics.
     seen = case.inside & np.isfinite(after)
     np.testing.assert_allclose(case.table[kernels.DEVIATION, seen], expected[seen], rtol=1e-3)
@@ -153,7 +155,9 @@ def test_a_point_on_the_axis_or_far_away_spoils_nothing() -> None:
     count = len(points)
     table, first = np.full((kernels.ROWS, count), np.nan), np.zeros(count, np.int64)
     sigma, rays = np.full(count, 0.02), np.tile([0.0, 0.0, -1.0], (count, 1))
-    kernels.rows(points, sigma, rays, case.centre, case.frame, START, STEP, case.profile, table, first)
+    kernels.rows(
+        points, sigma, rays, np.zeros(count), case.centre, case.frame, START, STEP, case.profile, table, first
+    )
     assert first[0] == first[-1] == -1
     assert kernels.weigh(table, first, 4.0, 0.3) > 0.0
     assert np.isfinite(kernels.gradient(table, first, KNOTS)).all()
