@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +18,7 @@ from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.overlap import shared_views
 from alignment.stereo.pool import PointPool
 from alignment.stereo.rectification import epipolar_directions
-from alignment.stereo.surface import PlaneHypothesis, nearest_candidates, plane_hypotheses
+from alignment.stereo.surface import plane_hypotheses
 from alignment.values import (
     HeadCalibration,
     HeadQuality,
@@ -32,19 +32,12 @@ from alignment.values import (
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.agreement import head_misfits, head_sums
-from alignment.wheel.gloss import without_gloss
 from alignment.wheel.plane import PlaneFit, fit_plane
-from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from alignment.wheel.ridges import fit_ridges
+from alignment.wheel.search import WheelSurface, find_surface
 
 Array = NDArray[np.float64]
 
-_PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
-_SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
-_SURE_SCALE = 1.5  # residuals in units of the image noise below which no other hypothesis needs a look
-_GOOD_SCALE = 3.0  # and above which something that is not a wheel spoils the fit; a ghost comes near it
-_FEW_OF_MEDIAN = 0.3  # of the weight that the points of the middle one of the heads have
-_ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
 _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
@@ -57,15 +50,6 @@ _SOME = 4  # line points of which one tells of the light
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """A fitted wheel, which candidates it chose, and these alone, without the shift that gloss gave them."""
-
-    fit: RevolutionFit
-    chosen: NDArray[np.bool_]
-    points: PointPool
 
 
 def measure_wheel(
@@ -147,9 +131,13 @@ def _measure(
     pool = PointPool.of(matched)
     slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
     hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
-    surface = _best_surface(pool, hypotheses, _image_axes(calibration))
-    if isinstance(surface, Refusal):
-        return surface
+    surface = find_surface(pool, hypotheses, _image_axes(calibration))
+    if surface is None:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            "the points of the heads do not lie around one axis; check that the wheel stands in the "
+            "measuring volume and that nothing else is in view",
+        )
     return _evaluate(matched, surface, calibration, settings)
 
 
@@ -197,83 +185,9 @@ def _full_scale_share(image: Image, lines: LightLines) -> float:
     return level_share(image, lines.points[::_SOME], 255 if image.dtype == np.uint8 else -1)
 
 
-def _best_surface(pool: PointPool, hypotheses: list[PlaneHypothesis], axes: Array) -> _Surface | Refusal:
-    """Fit the hypotheses in turn; the one with the least residuals in units of the noise is the wheel."""
-    best: _Surface | None = None
-    for hypothesis in hypotheses:
-        try:
-            surface = _fit_hypothesis(pool, hypothesis, axes)
-        except DegenerateInputError:
-            continue
-        if best is None or surface.fit.scale < best.fit.scale:
-            best = surface
-        if best.fit.scale < _SURE_SCALE:
-            break
-    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best, int(pool.head[-1]) + 1)):
-        best = _without_intruder(pool, best, axes)
-    if best is None:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            "the points of the heads do not lie around one axis; check that the wheel stands in the "
-            "measuring volume and that nothing else is in view",
-        )
-    return best
-
-
-def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis, axes: Array) -> _Surface:
-    c = hypothesis.coefficients
-    heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
-    chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
-    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]), axes)
-    # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
-    heights = np.nan_to_num(surface.fit.height(pool.points), nan=np.inf)
-    again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
-    if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
-        surface = _fit(pool, again, surface.fit.normal, surface.fit.centre, axes)
-    return surface
-
-
-def _one_head_is_off(surface: _Surface, heads: int) -> bool:
-    """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    fit = surface.fit
-    weights = np.sort(head_sums(surface.points.head, heads, fit.weights, fit.residuals)[1])
-    return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
-
-
-def _without_intruder(pool: PointPool, surface: _Surface, axes: Array) -> _Surface:
-    """Start again from all heads but one: something before that head may have spoilt the fit."""
-    best, most = surface, 0
-    if surface.fit.scale < _GOOD_SCALE:
-        most = int(np.count_nonzero(surface.fit.weights))
-    for head in range(int(pool.head.max()) + 1):
-        chosen = surface.chosen & (pool.head != head)
-        try:
-            other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
-            for _ in range(_ROUNDS):
-                heights = np.nan_to_num(other.fit.height(pool.points), nan=np.inf)
-                chosen = nearest_candidates(heights, pool.group, _SURFACE_GATE)
-                other = _fit(pool, chosen, other.fit.normal, other.fit.centre, axes)
-                if other.fit.scale < _GOOD_SCALE:
-                    break
-        except DegenerateInputError:
-            continue
-        # Of those that fit, the one on which most points lie.
-        if other.fit.scale < _GOOD_SCALE and np.count_nonzero(other.fit.weights) > most:
-            best, most = other, int(np.count_nonzero(other.fit.weights))
-    return best
-
-
-def _fit(pool: PointPool, chosen: NDArray[np.bool_], normal: Array, centre: Array, axes: Array) -> _Surface:
-    mine = without_gloss(pool.where(chosen), axes, normal, centre)
-    fit = fit_revolution(
-        mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line, spread=mine.spread
-    )
-    return _Surface(fit, chosen, mine)
-
-
 def _evaluate(
     matched: list[Candidates],
-    surface: _Surface,
+    surface: WheelSurface,
     calibration: RigCalibration,
     settings: MeasureSettings,
 ) -> WheelMeasurement | Refusal:

@@ -38,6 +38,7 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe
+from alignment.wheel import search
 
 Array = NDArray[np.float64]
 
@@ -45,14 +46,14 @@ WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
 CAMBER, TOE, SEED = math.radians(1.0), math.radians(-0.5), 1
 MOST_MS, LEAST_SPEEDUP, MOST_MEMORY_MB = 25.0, 60.0, 1000.0
 _ARCMIN = math.pi / 10800.0
-#: What `measure_wheel` calls, in the order of its work.
+#: What a measurement calls, by which module, in the order of its work.
 STAGES = {
-    "extraction": "extract_many",
-    "correspondence": "match_heads",
-    "choice_of_surface": "plane_hypotheses",
-    "gloss": "without_gloss",
-    "fit": "fit_revolution",
-    "agreement_of_heads": "head_misfits",
+    "extraction": (measure, "extract_many"),
+    "correspondence": (measure, "match_heads"),
+    "choice_of_surface": (measure, "plane_hypotheses"),
+    "gloss": (search, "without_gloss"),
+    "fit": (search, "fit_revolution"),
+    "agreement_of_heads": (measure, "head_misfits"),
 }
 
 
@@ -172,8 +173,8 @@ def measure_alone() -> None:
         return call
 
     # The clocks come after the whole is timed, so that they do not count.
-    for stage, name in STAGES.items():
-        setattr(measure, name, timed(getattr(measure, name), spent[stage]))
+    for stage, (module, name) in STAGES.items():
+        setattr(module, name, timed(getattr(module, name), spent[stage]))
     for _ in range(repeats):
         for times in spent.values():
             times.append(0.0)

@@ -13,7 +13,8 @@ from alignment.wheel.plane import fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from tests.assertions import ARCMIN
 
-DOWN = np.array([0.0, 0.0, -1.0])
+UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
+SPREAD = 0.4  # mm²; lines of 0.6 mm
 
 
 def profile(radius: np.ndarray) -> np.ndarray:
@@ -78,6 +79,25 @@ def test_any_tilt_and_position_is_recovered(
     # The axis passes through the shifted centre.
     along = (np.array([*shift, 3.0]) - result.centre) @ result.tilt_axes.T
     assert np.abs(along).max() < 0.2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bend_within_a_wide_light_line_turns_the_wheel_less_where_the_width_is_known(seed: int) -> None:
+    # What a line meets in a bend depends on its direction; before one head something hides the hollows.
+    rng = np.random.default_rng(seed)
+    points, cluster, normal = wheel_points((0.0, 0.0), (0.0, 0.0), rng, count=60000, noise=0.03)
+    radius, step = np.hypot(points[:, 0], points[:, 1]), 0.01
+    bend = (profile(radius + step) - 2.0 * profile(radius) + profile(radius - step)) / step**2
+    above = points[:, 1] > 100.0
+    points[:, 2] += np.where(above, 0.5, 0.05) * SPREAD * bend
+    shown = ~above | (bend < 0.02)
+    points, cluster = points[shown], cluster[shown]
+    sigma, rays = np.full(len(points), 0.03), np.tile(DOWN, (len(points), 1))
+    errors = [
+        tilt_error(fit_revolution(points, sigma, rays, cluster, UP, np.zeros(3), spread=known).normal, normal)
+        for known in (np.full(len(points), SPREAD), None)
+    ]
+    assert errors[0] < 0.85 * errors[1]
 
 
 def test_without_noise_only_the_spline_is_left() -> None:

@@ -1,0 +1,124 @@
+"""The wheel among the candidates: which matching of the lines is real, and the surface that fits it.
+
+Several hypotheses may each find a surface near them: ghosts, of which a periodic pattern makes many, bend
+and lean differently for each head, so that the true wheel fits best. Something before one head may spoil the
+fit of all; it is told by what the other heads fit without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.errors import DegenerateInputError
+from alignment.stereo.pool import PointPool
+from alignment.stereo.surface import PlaneHypothesis, nearest_candidates
+from alignment.wheel.agreement import head_sums
+from alignment.wheel.gloss import without_gloss
+from alignment.wheel.revolution import RevolutionFit, fit_revolution
+
+Array = NDArray[np.float64]
+
+_PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
+_SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
+_SURE_SCALE = 1.5  # residuals in units of the image noise below which no other hypothesis needs a look
+_GOOD_SCALE = 3.0  # and above which something that is not a wheel spoils the fit; a ghost comes near it
+_FEW_OF_MEDIAN = 0.3  # of the weight that the points of the middle one of the heads have
+_ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
+
+
+@dataclass(frozen=True, eq=False)
+class WheelSurface:
+    """A fitted wheel, which candidates it chose, and these alone, without the shift that gloss gave them."""
+
+    fit: RevolutionFit
+    chosen: NDArray[np.bool_]
+    points: PointPool
+
+
+def find_surface(pool: PointPool, hypotheses: Sequence[PlaneHypothesis], axes: Array) -> WheelSurface | None:
+    """Fit the hypotheses in turn; the one with the least residuals in units of the noise is the wheel.
+
+    Parameters
+    ----------
+    pool
+        Candidates of all heads.
+    hypotheses
+        Planes near which the sidewall may lie, the likeliest first.
+    axes
+        (H, 3, 2) directions of the rows and columns of the heads' left images, rig frame.
+
+    Returns
+    -------
+    WheelSurface or None
+        None where the points of no hypothesis lie around one axis.
+    """
+    best: WheelSurface | None = None
+    for hypothesis in hypotheses:
+        try:
+            surface = _fit_hypothesis(pool, hypothesis, axes)
+        except DegenerateInputError:
+            continue
+        if best is None or surface.fit.scale < best.fit.scale:
+            best = surface
+        if best.fit.scale < _SURE_SCALE:
+            break
+    if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best, int(pool.head[-1]) + 1)):
+        best = _without_intruder(pool, best, axes)
+    return best
+
+
+def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis, axes: Array) -> WheelSurface:
+    c = hypothesis.coefficients
+    heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
+    chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
+    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]), axes)
+    # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
+    heights = np.nan_to_num(surface.fit.height(pool.points), nan=np.inf)
+    again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+    if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
+        surface = _fit(pool, again, surface.fit.normal, surface.fit.centre, axes)
+    return surface
+
+
+def _one_head_is_off(surface: WheelSurface, heads: int) -> bool:
+    """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
+    fit = surface.fit
+    weights = np.sort(head_sums(surface.points.head, heads, fit.weights, fit.residuals)[1])
+    return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
+
+
+def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> WheelSurface:
+    """Start again from all heads but one: something before that head may have spoilt the fit."""
+    best, most = surface, 0
+    if surface.fit.scale < _GOOD_SCALE:
+        most = int(np.count_nonzero(surface.fit.weights))
+    for head in range(int(pool.head.max()) + 1):
+        chosen = surface.chosen & (pool.head != head)
+        try:
+            other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
+            for _ in range(_ROUNDS):
+                heights = np.nan_to_num(other.fit.height(pool.points), nan=np.inf)
+                chosen = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+                other = _fit(pool, chosen, other.fit.normal, other.fit.centre, axes)
+                if other.fit.scale < _GOOD_SCALE:
+                    break
+        except DegenerateInputError:
+            continue
+        # Of those that fit, the one on which most points lie.
+        if other.fit.scale < _GOOD_SCALE and np.count_nonzero(other.fit.weights) > most:
+            best, most = other, int(np.count_nonzero(other.fit.weights))
+    return best
+
+
+def _fit(
+    pool: PointPool, chosen: NDArray[np.bool_], normal: Array, centre: Array, axes: Array
+) -> WheelSurface:
+    mine = without_gloss(pool.where(chosen), axes, normal, centre)
+    fit = fit_revolution(
+        mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line, spread=mine.spread
+    )
+    return WheelSurface(fit, chosen, mine)
