@@ -267,18 +267,20 @@ class PlcSimulator:
         LineTimeoutError, LineError
             When the station does not answer in time, or refuses.
         """
-        self.give(CommandCode.PREPARE, order, self.number())
-        self._answered()
+        sequence = self.number()
+        self.give(CommandCode.PREPARE, order, sequence)
+        self._answered(CommandCode.PREPARE, sequence)
 
     def stop(self, sequence: int) -> None:
         """End adjusting. Raises as `prepare`."""
         self.command(CommandCode.STOP, sequence)
-        self._answered()
+        self._answered(CommandCode.STOP, sequence)
 
     def abort(self, sequence: int | None = None) -> None:
         """Abort a cycle; the last one started when no sequence is given. Raises as `prepare`."""
-        self.command(CommandCode.ABORT, self._sequence if sequence is None else sequence)
-        self._answered()
+        sequence = self._sequence if sequence is None else sequence
+        self.command(CommandCode.ABORT, sequence)
+        self._answered(CommandCode.ABORT, sequence)
 
     def acknowledge(self, sequence: int) -> None:
         """Put the acknowledgement on the bus; it stands until another command or `withdraw`."""
@@ -313,8 +315,8 @@ class PlcSimulator:
         found: list[CommandAnswer] = []
 
         def answered(status: LineStatus) -> bool:
-            answer = self.view.answer
-            if answer is None or (answer.code, answer.sequence) != (code, sequence):
+            answer = self.view.answer_to(code, sequence)
+            if answer is None:
                 return False
             found.append(answer)
             return answer.answer is Answer.ACCEPTED or answer.error_code not in _PASSING
@@ -322,14 +324,13 @@ class PlcSimulator:
         self.view.wait(f"an answer to {code} {sequence}", self._timeouts.busy_s, answered)
         return found[-1]
 
-    def _answered(self) -> None:
-        standing = self._standing
-        found = self.answer_to(standing.code, standing.sequence)
-        self.withdraw()
+    def _answered(self, code: CommandCode, sequence: int) -> None:
+        found = self.answer_to(code, sequence)
+        # Another thread may have put its own command on the bus meanwhile, the end of a cycle for one.
+        if (self._standing.code, self._standing.sequence) == (code, sequence):
+            self.withdraw()
         if found.answer is Answer.REFUSED:
-            raise LineError(
-                f"the station refused {standing.code} at sequence {standing.sequence}: {found.error_code}"
-            )
+            raise LineError(f"the station refused {code} at sequence {sequence}: {found.error_code}")
 
     def _wheels(self, order: PlcOrder) -> tuple[str, ...]:
         wheels = tuple(self._database.wheels) if order.wheels is None else order.wheels
@@ -342,6 +343,8 @@ class PlcSimulator:
         return wheels
 
     def _put(self, standing: _Standing) -> None:
+        if standing.code is not CommandCode.NONE:
+            self.view.forget_answer(standing.code, standing.sequence)
         self._standing = standing
         self._send_standing()
 
@@ -383,9 +386,8 @@ class PlcSimulator:
         self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
     ) -> None:
         def refusal() -> LineErrorCode | None:
-            found = self.view.answer
-            mine = found is not None and (found.code, found.sequence) == (CommandCode.START, sequence)
-            if not mine or found is None or found.answer is not Answer.REFUSED:
+            found = self.view.answer_to(CommandCode.START, sequence)
+            if found is None or found.answer is not Answer.REFUSED:
                 return None
             return None if found.error_code in _PASSING else found.error_code
 

@@ -10,7 +10,7 @@ import can
 from alignment.errors import LineTimeoutError
 from station.line.dbc import Value
 from station.line.link import ProtectedLink
-from station.line.messages import CommandAnswer, LineStatus, LiveAngles, StationInfo
+from station.line.messages import CommandAnswer, CommandCode, LineStatus, LiveAngles, StationInfo
 from station.line.orders import ReceivedMessage
 from station.line.results import read_live
 from station.line.status import read_answer, read_info, read_status
@@ -35,6 +35,7 @@ class StationView:
         self._status: LineStatus | None = None
         self._last_status: LineStatus | None = None
         self._answer: CommandAnswer | None = None
+        self._answers: dict[tuple[CommandCode, int], CommandAnswer] = {}
         self._info: StationInfo | None = None
         self._received: list[ReceivedMessage] = []
         self._recording = False
@@ -52,6 +53,16 @@ class StationView:
         """The last good CommandAnswer."""
         with self._changed:
             return self._answer
+
+    def answer_to(self, code: CommandCode, sequence: int) -> CommandAnswer | None:
+        """The last good CommandAnswer to one command, also when another has been answered since."""
+        with self._changed:
+            return self._answers.get((code, sequence))
+
+    def forget_answer(self, code: CommandCode, sequence: int) -> None:
+        """Before a command is sent: what was answered to one of the same number is no answer to it."""
+        with self._changed:
+            self._answers.pop((code, sequence), None)
 
     @property
     def info(self) -> StationInfo | None:
@@ -93,6 +104,7 @@ class StationView:
         with self._changed:
             self._silent = True
             self._last_status, self._status, self._answer = self._status, None, None
+            self._answers.clear()
             self._results.clear()
             self._live.clear()
             self._link.forget()
@@ -113,6 +125,7 @@ class StationView:
                     self._status, self._silent = read_status(values), False
                 case "CommandAnswer":
                     self._answer = read_answer(values)
+                    self._answers[self._answer.code, self._answer.sequence] = self._answer
                 case "StationInfo":
                     self._info = read_info(values)
                 case _ if name.startswith("LiveAngles"):

@@ -18,7 +18,9 @@ from station.line.interface import StationLine
 from station.line.messages import (
     Abort,
     Acknowledge,
+    Answer,
     AxleAnswer,
+    CommandCode,
     LineErrorCode,
     Outcome,
     Reset,
@@ -167,6 +169,19 @@ def test_abort_amid_a_measurement(station: SmallStation, plc: PlcSimulator) -> N
     thread.join(WAIT_S)
     assert results[0].vehicle.outcome is Outcome.ABORTED
     assert {wheel.outcome for wheel in results[0].wheels} == {Outcome.ABORTED}
+
+
+def test_an_answer_is_found_though_another_command_was_answered_since(
+    station: SmallStation, plc: PlcSimulator
+) -> None:
+    plc.reset()
+    for code, sequence in ((CommandCode.STOP, 7), (CommandCode.ABORT, 9)):
+        plc.command(code, sequence)
+        assert plc.view.wait_until(WAIT_S, lambda c=code, s=sequence: plc.view.answer_to(c, s) is not None)
+    assert plc.answer_to(CommandCode.STOP, 7).answer is Answer.REFUSED
+    # Before the same command is given again, its old answer goes.
+    plc.view.forget_answer(CommandCode.STOP, 7)
+    assert plc.view.answer_to(CommandCode.STOP, 7) is None
 
 
 def test_silent_station(plc_bus: LineBus, database: LineDatabase) -> None:
