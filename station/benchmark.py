@@ -5,7 +5,8 @@ images, its points of all heads in the rig frame, and Open3D's RANSAC plane thro
 the same six images is the floor that any look at every pixel stays above.
 
 The measurement is timed in a process of its own that does nothing else, as a station's does: the renderer
-and the peers bring thread pools along that would take the cores.
+and the peers bring thread pools along that would take the cores. Measurement and peers take turns, and each
+turn gives a ratio, since a machine that others use too changes its speed from second to second.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -43,6 +43,8 @@ from alignment.wheel import search
 Array = NDArray[np.float64]
 
 WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
+REWARM_UP_S = 0.3  # after another's turn, until caches are filled again and its threads have gone to sleep
+ROUNDS, REPEATS = 7, 70
 CAMBER, TOE, SEED = math.radians(1.0), math.radians(-0.5), 1
 MOST_MS, LEAST_SPEEDUP, MOST_MEMORY_MB = 25.0, 60.0, 1000.0
 _ARCMIN = math.pi / 10800.0
@@ -149,79 +151,107 @@ def median_ms(action: Callable[[], object], repeats: int) -> float:
     return statistics.median(times) * 1e3
 
 
-def measure_alone() -> None:
-    """Time the measurement of the images on standard input; figures as JSON on standard output."""
-    images, calibration, repeats = pickle.load(sys.stdin.buffer)
-    settings, whole = MeasureSettings(), []
-    warm = time.perf_counter() + WARM_UP_S
-    while time.perf_counter() < warm:
-        measure_wheel(images, calibration, settings)
+def _milliseconds(images: Sequence[StereoImages], calibration: RigCalibration, repeats: int) -> list[float]:
+    """Wall times of measurements."""
+    times = []
     for _ in range(repeats):
         start = time.perf_counter()
-        measure_wheel(images, calibration, settings)
-        whole.append(time.perf_counter() - start)
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        measure_wheel(images, calibration, MeasureSettings())
+        times.append(1e3 * (time.perf_counter() - start))
+    return times
+
+
+def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats: int) -> dict[str, float]:
+    """Median wall time of each stage, milliseconds; the clocks stay, so this comes last."""
     spent: dict[str, list[float]] = {stage: [] for stage in STAGES}
 
     def timed(function: Callable[..., object], into: list[float]) -> Callable[..., object]:
         def call(*args: object, **keywords: object) -> object:
             start = time.perf_counter()
             result = function(*args, **keywords)
-            into[-1] += time.perf_counter() - start
+            into[-1] += 1e3 * (time.perf_counter() - start)
             return result
 
         return call
 
-    # The clocks come after the whole is timed, so that they do not count.
     for stage, (module, name) in STAGES.items():
         setattr(module, name, timed(getattr(module, name), spent[stage]))
     for _ in range(repeats):
         for times in spent.values():
             times.append(0.0)
-        measure_wheel(images, calibration, settings)
-    stages = {stage: 1e3 * statistics.median(times) for stage, times in spent.items()}
-    sys.stdout.write(json.dumps({"ms": 1e3 * statistics.median(whole), "peak_mb": peak_mb, "stages": stages}))
+        measure_wheel(images, calibration, MeasureSettings())
+    return {stage: statistics.median(times) for stage, times in spent.items()}
 
 
-def alone(sample: Sample, repeats: int) -> dict[str, Any]:
-    """Median time, stages and peak memory of a warm process that only measures."""
-    done = subprocess.run(
-        [sys.executable, "-c", f"from {__name__} import measure_alone; measure_alone()"],
-        input=pickle.dumps((sample.images, sample.calibration, repeats)),
-        stdout=subprocess.PIPE,
-        check=True,
-    )
-    figures: dict[str, Any] = json.loads(done.stdout)
-    return figures
+def measure_alone() -> None:
+    """Answer each line of standard input, a number of measurements, with their times; then with the stages'.
+
+    The images come first, pickled. All answers are lines of JSON.
+    """
+    images, calibration = pickle.load(sys.stdin.buffer)
+
+    def warm(seconds: float) -> None:
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            measure_wheel(images, calibration, MeasureSettings())
+
+    warm(WARM_UP_S)
+    repeats = 1
+    for line in sys.stdin.buffer:
+        repeats = int(line)
+        warm(REWARM_UP_S)
+        sys.stdout.write(json.dumps(_milliseconds(images, calibration, repeats)) + "\n")
+        sys.stdout.flush()
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    stages = _stages(images, calibration, ROUNDS * repeats)
+    sys.stdout.write(json.dumps({"peak_mb": peak_mb, "stages": stages}))
 
 
-def run(repeats: int = 15) -> dict[str, float]:
-    """Time everything on one rendered wheel and return the figures."""
+def run(repeats: int = REPEATS) -> dict[str, float]:
+    """Time everything on one rendered wheel, in turns, and return the figures."""
     sample, settings = render_sample(), MeasureSettings()
     ours = measure_wheel(sample.images, sample.calibration, settings)
     if not isinstance(ours, WheelMeasurement):
         raise DegenerateInputError(field="sample", expected="a wheel that can be measured", seen=ours.reason)
-    timing = alone(sample, repeats)
     peers = [DenseStereo(head, settings.depth_range_mm) for head in sample.calibration.heads]
     normal = dense_plane(peers, sample.images)
     rotation = sample.calibration.vehicle_from_rig
     camber, toe = camber_toe(rotation.apply_vectors(normal), sample.calibration.side)
     every = [image for pair in sample.images for image in (pair.left, pair.right)]
+    per_round = max(1, repeats // ROUNDS)
 
-    dense_ms = median_ms(lambda: dense_plane(peers, sample.images), max(2, repeats // 5))
-    blur_ms = median_ms(lambda: [cv2.GaussianBlur(image, (0, 0), 1.5) for image in every], repeats)
+    turns = []
+    with subprocess.Popen(
+        [sys.executable, "-c", f"from {__name__} import measure_alone; measure_alone()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as alone:
+        assert alone.stdin is not None
+        assert alone.stdout is not None
+        alone.stdin.write(pickle.dumps((sample.images, sample.calibration)))
+        for _ in range(ROUNDS):
+            alone.stdin.write(b"%d\n" % per_round)
+            alone.stdin.flush()
+            measure_ms = statistics.median(json.loads(alone.stdout.readline()))
+            dense_ms = median_ms(lambda: dense_plane(peers, sample.images), 1)
+            blur_ms = median_ms(lambda: [cv2.GaussianBlur(i, (0, 0), 1.5) for i in every], per_round)
+            turns.append((measure_ms, dense_ms, blur_ms, dense_ms / measure_ms, measure_ms / blur_ms))
+        rest = json.loads(alone.communicate()[0])
+    measure_ms, dense_ms, blur_ms, speedup, blurs = (
+        statistics.median(column) for column in zip(*turns, strict=True)
+    )
     return {
-        "measure_wheel_ms": timing["ms"],
+        "measure_wheel_ms": measure_ms,
         "sgbm_ransac_ms": dense_ms,
         "gaussian_blur_ms": blur_ms,
-        "speedup_over_sgbm_ransac": dense_ms / timing["ms"],
-        "ratio_to_gaussian_blur": timing["ms"] / blur_ms,
-        "peak_memory_mb": timing["peak_mb"],
+        "speedup_over_sgbm_ransac": speedup,
+        "ratio_to_gaussian_blur": blurs,
+        "peak_memory_mb": rest["peak_mb"],
         "camber_error_arcmin": (ours.camber - sample.camber) / _ARCMIN,
         "toe_error_arcmin": (ours.toe - sample.toe) / _ARCMIN,
         "sgbm_camber_error_arcmin": (camber - sample.camber) / _ARCMIN,
         "sgbm_toe_error_arcmin": (toe - sample.toe) / _ARCMIN,
-        **{f"{stage}_ms": value for stage, value in timing["stages"].items()},
+        **{f"{stage}_ms": value for stage, value in rest["stages"].items()},
     }
 
 
