@@ -218,7 +218,7 @@ def run(repeats: int = REPEATS) -> dict[str, float]:
     rotation = sample.calibration.vehicle_from_rig
     camber, toe = camber_toe(rotation.apply_vectors(normal), sample.calibration.side)
     every = [image for pair in sample.images for image in (pair.left, pair.right)]
-    per_round = max(1, repeats // ROUNDS)
+    per_round = math.ceil(repeats / ROUNDS)
 
     turns = []
     with subprocess.Popen(
@@ -232,11 +232,16 @@ def run(repeats: int = REPEATS) -> dict[str, float]:
         for _ in range(ROUNDS):
             alone.stdin.write(b"%d\n" % per_round)
             alone.stdin.flush()
-            measure_ms = statistics.median(json.loads(alone.stdout.readline()))
+            answer = alone.stdout.readline()
+            if not answer:
+                raise RuntimeError(f"the process that measures ended with status {alone.wait()}")
+            measure_ms = statistics.median(json.loads(answer))
             dense_ms = median_ms(lambda: dense_plane(peers, sample.images), 1)
             blur_ms = median_ms(lambda: [cv2.GaussianBlur(i, (0, 0), 1.5) for i in every], per_round)
             turns.append((measure_ms, dense_ms, blur_ms, dense_ms / measure_ms, measure_ms / blur_ms))
-        rest = json.loads(alone.communicate()[0])
+        rest = json.loads(alone.communicate()[0] or "null")
+    if rest is None:
+        raise RuntimeError(f"the process that measures ended with status {alone.returncode}")
     measure_ms, dense_ms, blur_ms, speedup, blurs = (
         statistics.median(column) for column in zip(*turns, strict=True)
     )

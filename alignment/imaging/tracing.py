@@ -50,7 +50,8 @@ def _response(grey: NDArray[np.float32], first: int, kernel: NDArray[np.float32]
 def _expect(table: Array, first: int, last: int, top: int, margin: int, width: int, places: Index) -> int:
     """Pixel in each row from `top` on where a chain's ridge is expected, −1 too near to the border.
 
-    `first` is a point of the chain at or above `top`, `last` its last one; returns the point to go on from.
+    `first` is a point of the chain at or above `top`, or its first one, `last` its last; returns the point to
+    go on from.
     """
     i = first
     k = 0

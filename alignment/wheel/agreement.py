@@ -59,7 +59,7 @@ def _sums(
             x = f00 * qx + f01 * qy + f02 * qz
             y = f10 * qx + f11 * qy + f12 * qz
             rho = math.sqrt(x * x + y * y)
-            outward = slope_of_profile(rho, start, step, pieces) / rho
+            outward = slope_of_profile(rho, start, step, pieces) / max(rho, 1.0)
             across[k], up[k], out_x[k], out_y[k] = x, y, outward * x, outward * y
             ring[k] = int((rho - start) * per_ring)
             rest[k] = residuals[i] if weight[k] > 0.0 else 0.0

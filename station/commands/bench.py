@@ -11,7 +11,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 
 
 def bench(
-    repeats: Annotated[int, typer.Option(help="Timed measurements.", min=3, max=1000)] = 70,
+    repeats: Annotated[int, typer.Option(help="Timed measurements, in seven turns.", min=3, max=1000)] = 70,
     as_json: JsonFlag = False,
 ) -> None:
     """Time one wheel's measurement beside dense stereo with a RANSAC plane, in one run, stage by stage.

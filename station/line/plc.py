@@ -117,7 +117,7 @@ class PlcSimulator:
         self.spoil: Spoil | None = None
         self.paused = False
         self._standing = _Standing()
-        self._sending = threading.Lock()
+        self._sending = threading.RLock()
         self._heartbeat = 0
         self._vin_due_s = clock()
         period_s = database.cycle_time_s("Command") or COMMAND_PERIOD_S
@@ -163,7 +163,8 @@ class PlcSimulator:
         if self.paused:
             return
         if self.view.lose_when_silent(self._timeouts.silence_s):
-            self._standing = _Standing()
+            with self._sending:
+                self._standing = _Standing()
         self._send_standing()
 
     def connect(self) -> LineStatus:
@@ -223,7 +224,7 @@ class PlcSimulator:
             lambda status: status.ready and status.sequence == sequence,
             patient=True,
         )
-        self.withdraw()
+        self.withdraw(CommandCode.RESET, sequence)
         return ready
 
     def run(self, order: PlcOrder) -> PlcResult:
@@ -251,7 +252,7 @@ class PlcSimulator:
         started_s = self._clock()
         self.give(CommandCode.START, order, sequence)
         self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
-        self.withdraw()
+        self.withdraw(CommandCode.START, sequence)
         return sequence, started_s
 
     def finish(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
@@ -295,9 +296,15 @@ class PlcSimulator:
         """Put another command on the bus; it stands until `withdraw`."""
         self._put(_Standing(code, sequence))
 
-    def withdraw(self) -> None:
-        """Go back to none."""
-        self._put(replace(self._standing, code=CommandCode.NONE, vin=None))
+    def withdraw(self, code: CommandCode | None = None, sequence: int = 0) -> None:
+        """Go back to none; with a command's code and number only if it is that one that stands.
+
+        Another thread may have put its own on the bus meanwhile, an abort amid a cycle for one.
+        """
+        with self._sending:
+            standing = self._standing
+            if code is None or (standing.code, standing.sequence) == (code, sequence):
+                self._put(replace(standing, code=CommandCode.NONE, vin=None))
 
     def number(self) -> int:
         """Take the next number for a command."""
@@ -326,9 +333,7 @@ class PlcSimulator:
 
     def _answered(self, code: CommandCode, sequence: int) -> None:
         found = self.answer_to(code, sequence)
-        # Another thread may have put its own command on the bus meanwhile, the end of a cycle for one.
-        if (self._standing.code, self._standing.sequence) == (code, sequence):
-            self.withdraw()
+        self.withdraw(code, sequence)
         if found.answer is Answer.REFUSED:
             raise LineError(f"the station refused {code} at sequence {sequence}: {found.error_code}")
 
@@ -345,8 +350,9 @@ class PlcSimulator:
     def _put(self, standing: _Standing) -> None:
         if standing.code is not CommandCode.NONE:
             self.view.forget_answer(standing.code, standing.sequence)
-        self._standing = standing
-        self._send_standing()
+        with self._sending:
+            self._standing = standing
+            self._send_standing()
 
     def _send_standing(self) -> None:
         with self._sending:
@@ -400,7 +406,7 @@ class PlcSimulator:
 
         status = self.view.wait(f"{what} of sequence {sequence}", timeout_s, reached_or_failed)
         if failed(status):
-            self.withdraw()
+            self.withdraw(CommandCode.START, sequence)
             if status.fault:
                 raise LineError(
                     f"the station reports a fault at sequence {sequence}: {status.error_code} ({status})"
@@ -423,7 +429,7 @@ class PlcSimulator:
             lambda status: not status.done,
         )
         acknowledged_s = self._clock()
-        self.withdraw()
+        self.withdraw(CommandCode.ACKNOWLEDGE, sequence)
         received = self.view.recorded()
         return PlcResult(
             order=order,

@@ -60,7 +60,10 @@ class StationView:
             return self._answers.get((code, sequence))
 
     def forget_answer(self, code: CommandCode, sequence: int) -> None:
-        """Before a command is sent: what was answered to one of the same number is no answer to it."""
+        """Before a command is sent: what was answered to one of the same code and number is no answer to it.
+
+        A station repeats its last answer, so that to the same command given twice running is heard again.
+        """
         with self._changed:
             self._answers.pop((code, sequence), None)
 
