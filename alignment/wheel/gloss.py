@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.kernels import njit, prange
+from alignment.kernels import njit
 from alignment.stereo.correspondence import GAIN, LEAN, RATIO
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import solve3
@@ -164,7 +164,7 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
             out[i] = min(max(shift, -_FARTHEST), _FARTHEST)
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def gloss_shifts(
     points: Array, head: Index, light: Array, axes: Array, normal: Array, centre: Array
 ) -> Array:
@@ -184,8 +184,7 @@ def gloss_shifts(
         Unit direction and a point of the wheel's axis; a degree and some millimetres are near enough.
     """
     out = np.zeros(points.shape[0])
-    for index in prange(axes.shape[0]):
-        k = np.int64(index)
+    for k in range(axes.shape[0]):
         first, last = np.searchsorted(head, k), np.searchsorted(head, k + 1)
         if last > first:
             _shifts(points[first:last], light[first:last], axes[k], normal, centre, out[first:last])
