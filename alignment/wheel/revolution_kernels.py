@@ -138,7 +138,9 @@ def rows(
             tilt = 1.0 + outward * h
             block[0, i] = h - (block[8, i] + t * (c1 + t * (c2 + t * c3)))
             aside = ACROSS * slope
-            bent = BEND * block[12, i] * (2.0 * c2 + 6.0 * c3 * t) * per_step * per_step
+            bend = abs(2.0 * c2 + 6.0 * c3 * t) * per_step * per_step
+            # No more than the noise: a surface that bends to meet an obstacle must not excuse itself by that.
+            bent = min(BEND * block[12, i] * bend, along)
             block[1, i] = math.sqrt(along * along + aside * aside + bent * bent)
             block[2, i], block[3, i] = x * tilt, y * tilt
             block[4, i], block[5, i] = outward * x, outward * y

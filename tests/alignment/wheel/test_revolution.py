@@ -14,7 +14,7 @@ from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from tests.assertions import ARCMIN
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
-SPREAD = 0.4  # mm²; lines of 0.6 mm
+SPREAD = 0.6  # mm²; lines of 0.8 mm
 
 
 def profile(radius: np.ndarray) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_a_bend_within_a_wide_light_line_turns_the_wheel_less_where_the_width_is
         tilt_error(fit_revolution(points, sigma, rays, cluster, UP, np.zeros(3), spread=known).normal, normal)
         for known in (np.full(len(points), SPREAD), None)
     ]
-    assert errors[0] < 0.85 * errors[1]
+    assert errors[0] < 0.9 * errors[1]
 
 
 def test_without_noise_only_the_spline_is_left() -> None:
