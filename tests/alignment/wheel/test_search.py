@@ -68,7 +68,7 @@ def test_a_ghost_that_fits_nearly_as_well_and_comes_first_is_not_taken(seed: int
     for k in range(3):
         true, line = wheel(rng, k)
         ghost = true + np.array([0.0, 0.0, GHOST])
-        # It leans, and bends a little more than the noise hides.
+        # It leans, and its points scatter more than their noise.
         ghost[:, 2] += 0.004 * ghost[:, 0] + np.sqrt(scale**2 - 1.0) * SIGMA * rng.standard_normal(len(ghost))
         heads.append(seen([true, ghost], line))
     assert error(PointPool.of(heads), [hypothesis(GHOST - 8.0, 0.9), hypothesis(-8.0, 0.8)]) < 0.1

@@ -171,6 +171,27 @@ def test_abort_amid_a_measurement(station: SmallStation, plc: PlcSimulator) -> N
     assert {wheel.outcome for wheel in results[0].wheels} == {Outcome.ABORTED}
 
 
+def test_the_end_of_a_start_leaves_an_abort_standing_that_came_meanwhile(
+    plc_bus: LineBus, database: LineDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[can.Message] = []
+    monkeypatch.setattr(plc_bus, "send", sent.append)
+    plc = PlcSimulator(plc_bus, database)
+
+    def standing() -> tuple[object, object]:
+        plc.tick()
+        values = database.decode(next(f for f in reversed(sent) if database.name_of(f) == "Command"))
+        return values["Code"], values["Sequence"]
+
+    plc.command(CommandCode.START, 3)
+    plc.command(CommandCode.ABORT, 3)
+    plc.withdraw(CommandCode.START, 3)
+    assert standing() == (str(CommandCode.ABORT), 3)
+    plc.withdraw(CommandCode.ABORT, 3)
+    assert standing() == (str(CommandCode.NONE), 3)
+    plc.close()
+
+
 def test_an_answer_is_found_though_another_command_was_answered_since(
     station: SmallStation, plc: PlcSimulator
 ) -> None:
