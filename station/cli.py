@@ -16,12 +16,13 @@ from station.commands.bench import bench
 from station.commands.calibrate import calibrate
 from station.commands.calibration import calibration_app
 from station.commands.calibration_frame import simulate_gauge_session_command
+from station.commands.configuration import config_app, init
 from station.commands.database import db_app
 from station.commands.demo import demo
 from station.commands.export import export
 from station.commands.gauge import gauge_app
 from station.commands.line import line_app
-from station.commands.output import BAD_INPUT, STATION_FAULT, default_config, print_json
+from station.commands.output import BAD_INPUT, STATION_FAULT, own_config, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
 from station.commands.study import study
@@ -38,6 +39,7 @@ app = typer.Typer(
     "fault.",
 )
 app.command()(demo)
+app.command()(init)
 app.command()(wheel.measure)
 app.command()(calibrate)
 wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
@@ -50,6 +52,7 @@ app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")
 app.add_typer(gauge_app, name="gauge")
 app.add_typer(line_app, name="line")
+app.add_typer(config_app, name="config")
 app.add_typer(db_app, name="db")
 app.add_typer(zero_app, name="zero")
 
@@ -73,7 +76,7 @@ def run(
     from station.app import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
-    run_station(default_config(config))
+    run_station(own_config(config))
 
 
 @app.command()

@@ -155,7 +155,7 @@ def _position(configuration: Configuration, index: int) -> WheelPosition:
     settings, rig = configuration.settings, configuration.settings.rigs[index]
     calibration: CalibrationInForce | None = None
     if rig.calibration is not None:
-        calibration = _read_calibration(configuration, rig, index)
+        calibration = read_rig_calibration(configuration, rig, index)
     if rig.simulated is not None:
         cameras, true = _simulated(configuration, rig, rig.simulated)
         calibration = calibration or true
@@ -167,7 +167,16 @@ def _position(configuration: Configuration, index: int) -> WheelPosition:
     )
 
 
-def _read_calibration(configuration: Configuration, rig: RigSettings, index: int) -> CalibrationInForce:
+def read_rig_calibration(configuration: Configuration, rig: RigSettings, index: int) -> CalibrationInForce:
+    """Read the calibration file that a rig of the configuration names.
+
+    Raises
+    ------
+    ConfigurationError
+        When it is of another rig or side.
+    FormatError
+        When it cannot be read.
+    """
     assert rig.calibration is not None
     file = read_calibration_file(configuration.path(rig.calibration))
     for field, expected, seen in (("rig", rig.name, file.rig), ("side", rig.side, file.side)):
@@ -216,6 +225,17 @@ def _simulated(
 
 
 def _recorded(configuration: Configuration, rig: RigSettings, options: RecordedOptions, index: int) -> Rig:
+    return recorded_rig(recorded_folders(configuration, options, index), options.at_end, rig.name)
+
+
+def recorded_folders(configuration: Configuration, options: RecordedOptions, index: int) -> list[Path]:
+    """Return the shots that a rig of the configuration plays, in the order of their names.
+
+    Raises
+    ------
+    ConfigurationError
+        When there are none.
+    """
     folder = configuration.path(options.shots)
     folders = sorted(path.parent for path in folder.glob(f"*/{SHOT_FILE}"))
     if not folders:
@@ -225,4 +245,4 @@ def _recorded(configuration: Configuration, rig: RigSettings, options: RecordedO
             expected=f"a folder of recorded shots, each a folder with {SHOT_FILE}",
             seen=f"none in '{options.shots}'",
         )
-    return recorded_rig(folders, options.at_end, rig.name)
+    return folders

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from alignment.errors import ConfigurationError
+from station.starter import SHIPPED, own_configuration
 
 GOAL_MISSED = 1
 BAD_INPUT = 2
@@ -25,6 +26,27 @@ def print_json(value: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+def own_config(given: Path | None) -> Path:
+    """Return the configuration of the station that is to run: the given one, else that of this folder.
+
+    Unlike `default_config` never the one beside the program, whose database would lie there too.
+
+    Raises
+    ------
+    ConfigurationError
+        When none is given and there is none here.
+    """
+    found = given or own_configuration()
+    if found is None:
+        raise ConfigurationError(
+            file=Path("configs") / "station.toml",
+            expected="a station's configuration",
+            seen="no such file",
+            cure="Name one with --config, or write one to start from: `truewheel init FOLDER`",
+        )
+    return found
+
+
 def default_config(given: Path | None, name: str = "station.toml") -> Path:
     """Return the configuration to use: the given one, else ``configs/`` here or beside the program.
 
@@ -35,10 +57,9 @@ def default_config(given: Path | None, name: str = "station.toml") -> Path:
     """
     if given is not None:
         return given
-    places = (Path("configs") / name, Path(__file__).parents[2] / "configs" / name)
-    for place in places:
-        if place.is_file():
-            return place
-    raise ConfigurationError(
-        file=places[0], expected="a configuration", seen="no such file", cure="Name one with --config"
-    )
+    place = own_configuration(name) or SHIPPED / name
+    if not place.is_file():
+        raise ConfigurationError(
+            file=place, expected="a configuration", seen="no such file", cure="Name one with --config"
+        )
+    return place

@@ -56,12 +56,7 @@ class Channel:
     def __call__(self) -> can.BusABC:
         """Open the bus."""
         settings = self._settings
-        if settings.interface not in can.VALID_INTERFACES:
-            raise ConfigurationError(
-                field="line.interface",
-                expected=f"one of {', '.join(sorted(can.VALID_INTERFACES))}",
-                seen=f"'{settings.interface}'",
-            )
+        require_interface(settings.interface)
         try:
             self._claim_device()
             return can.Bus(
@@ -104,3 +99,19 @@ class Channel:
             os.close(claim)
             raise OSError("another program has it open") from error
         self._claim = claim
+
+
+def require_interface(name: str) -> None:
+    """Raise unless python-can knows an interface of this name.
+
+    Raises
+    ------
+    ConfigurationError
+        Names those that it knows.
+    """
+    if name not in can.VALID_INTERFACES:
+        raise ConfigurationError(
+            field="line.interface",
+            expected=f"one of {', '.join(sorted(can.VALID_INTERFACES))}",
+            seen=f"'{name}'",
+        )

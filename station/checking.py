@@ -1,0 +1,96 @@
+"""Is a station's configuration sound? All that can be found without a camera, a bus or a database."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+from alignment.errors import ConfigurationError, TruewheelError
+from db.engine import parse_url
+from station.composition import read_rig_calibration, recorded_folders
+from station.config import Configuration, RigSettings, read_configuration
+from station.line.channel import require_interface
+from station.line.dbc import load_line_database
+
+
+def check_configuration(path: Path) -> tuple[Configuration | None, list[TruewheelError]]:
+    """Read a configuration with everything it names; return it with all that is wrong.
+
+    Without the configuration itself there is one finding, the error of reading it.
+    """
+    try:
+        configuration = read_configuration(path)
+    except TruewheelError as error:
+        return None, [error]
+    found: list[TruewheelError] = []
+    for check in _checks(configuration):
+        try:
+            check()
+        except TruewheelError as error:
+            found.append(error)
+    return configuration, found
+
+
+def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
+    settings = configuration.settings
+    yield lambda: load_line_database(configuration.path(settings.line.dbc))
+    yield lambda: require_interface(settings.line.interface)
+    yield lambda: _check_database(configuration)
+    for field, name in (
+        ("archive.folder", None if settings.archive is None else settings.archive.folder),
+        ("cycle.image_folder", settings.cycle.image_folder),
+        ("line.log", settings.line.log),
+    ):
+        if name is not None:
+            yield lambda field=field, name=name: _check_writable(configuration, field, name)  # type: ignore[misc]
+    for index, rig in enumerate(settings.rigs):
+        yield lambda index=index, rig=rig: _check_rig(configuration, index, rig)  # type: ignore[misc]
+
+
+def _check_database(configuration: Configuration) -> None:
+    settings = configuration.settings.database
+    if settings.central_url is not None:
+        parse_url(settings.central_url)
+    url = parse_url(configuration.database_url)
+    if url.get_backend_name() != "sqlite":
+        return
+    file = Path(unquote(url.database or ""))
+    if not file.exists() and not settings.create:
+        raise ConfigurationError(
+            file=configuration.file,
+            field="database.url",
+            expected="a database that exists",
+            seen=f"no file {file}",
+            cure=f"`truewheel db migrate --database sqlite:///{file}` makes it",
+        )
+    if not file.exists() and not _writable(file.parent):
+        raise ConfigurationError(
+            file=configuration.file,
+            field="database.url",
+            expected="a folder that can be written",
+            seen=str(file.parent),
+        )
+
+
+def _check_writable(configuration: Configuration, field: str, name: str) -> None:
+    path = configuration.path(name)
+    if not _writable(path if path.is_dir() else path.parent):
+        raise ConfigurationError(
+            file=configuration.file, field=field, expected="a place that can be written", seen=f"'{name}'"
+        )
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made there, or in the folder that it would be made in."""
+    folder = folder.resolve()
+    existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
+    return existing.is_dir() and os.access(existing, os.W_OK)
+
+
+def _check_rig(configuration: Configuration, index: int, rig: RigSettings) -> None:
+    if rig.calibration is not None:
+        read_rig_calibration(configuration, rig, index)
+    if rig.recorded is not None:
+        recorded_folders(configuration, rig.recorded, index)

@@ -1,0 +1,70 @@
+"""`truewheel init` and `truewheel config`: a configuration to start from, and whether one is sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from station.commands.output import BAD_INPUT, JsonFlag, own_config, print_json
+
+config_app = typer.Typer(no_args_is_help=True, help="The station's configuration.")
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(help="Home of the station; made when missing.", show_default=False)
+    ],
+    station: Annotated[str, typer.Option(help="Identity of the station in every record.")] = "station_1",
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a configuration with simulated rigs that starts as it stands, to be edited."""
+    from station.starter import write_starter
+
+    written = write_starter(folder, station)
+    if as_json:
+        print_json({"files": [str(path) for path in written]})
+        return
+    for path in written:
+        typer.echo(f"wrote {path}")
+    settings = folder / "configs" / "station.toml"
+    typer.echo(f"\nEdit {settings}, then:")
+    typer.echo(f"  truewheel config check {settings}")
+    typer.echo(f"  truewheel run --config {settings}")
+
+
+@config_app.command()
+def check(
+    file: Annotated[
+        Path | None, typer.Argument(help="Station's configuration.", show_default="configs/station.toml")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Validate a configuration and all that it names, without starting; every mistake at once."""
+    from station.checking import check_configuration
+
+    path = own_config(file)
+    configuration, findings = check_configuration(path)
+    if as_json:
+        print_json(
+            {
+                "file": str(path),
+                "findings": [str(finding) for finding in findings],
+                "hash": None if configuration is None else configuration.hash,
+                "figures": {"findings": len(findings)},
+            }
+        )
+    elif findings:
+        for finding in findings:
+            typer.echo(f"truewheel: {finding}", err=True)
+    else:
+        assert configuration is not None
+        settings = configuration.settings
+        typer.echo(
+            f"{path} is sound: station {settings.station.id}, {len(settings.rigs)} rigs,"
+            f" {len(configuration.vehicle_types)} vehicle types, line {settings.line.interface}"
+            f" {settings.line.channel}"
+        )
+    if findings:
+        raise typer.Exit(BAD_INPUT)
