@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from db.statistics.moments import as_values, merged, moments
+from db.statistics.moments import as_values, mean_of, merged, moments
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def _tested(name: str, df: int, squares: float, denominator: Source) -> Source:
 
 
 def _means(values: Array, axis: int) -> Array:
-    return np.apply_along_axis(lambda row: math.fsum(row) / len(row), axis, values)
+    return np.apply_along_axis(mean_of, axis, values)
 
 
 def _sum_of_squares(values: Array) -> float:

@@ -23,6 +23,11 @@ _SYSTEM = (
     Contribution.LINEARITY,
     Contribution.SYSTEM_REST,
 )
+_SPREAD = (
+    Contribution.RESOLUTION,
+    Contribution.MASTER_REPEATABILITY,
+    Contribution.PART_REPEATABILITY,
+)
 _PROCESS = (
     Contribution.APPRAISER,
     Contribution.SYSTEMS,
@@ -93,8 +98,19 @@ class UncertaintyBudget:
         return 200.0 * self.coverage_factor * self.u_mp / LIMIT_MP
 
     @property
-    def capable(self) -> bool:
-        """Whether both ratios keep their limits."""
+    def spread_seen(self) -> bool:
+        """Whether any contribution is greater than 0, and any of a repeated reading that has its line here.
+
+        Repetitions that are all equal have no spread to contribute; the resolution, which hid it, has one.
+        """
+        repeated = [line.component for line in self.lines if line.component.kind in _SPREAD]
+        return self.u_mp > 0.0 and (not repeated or any(component.u > 0.0 for component in repeated))
+
+    @property
+    def capable(self) -> bool | None:
+        """Whether both ratios keep their limits; None when no spread was seen."""
+        if not self.spread_seen:
+            return None
         return self.q_ms <= LIMIT_MS and self.q_mp <= LIMIT_MP
 
 
@@ -133,12 +149,7 @@ def budget(
         for kind in Contribution
     }
     spread_ms = _largest(variance, Contribution.RESOLUTION, Contribution.MASTER_REPEATABILITY)
-    spread_mp = _largest(
-        variance,
-        Contribution.RESOLUTION,
-        Contribution.MASTER_REPEATABILITY,
-        Contribution.PART_REPEATABILITY,
-    )
+    spread_mp = _largest(variance, *_SPREAD)
     system = math.fsum(variance[kind] for kind in _SYSTEM)
     u_ms = math.sqrt(system + variance[spread_ms])
     total = system + variance[spread_mp] + math.fsum(variance[kind] for kind in _PROCESS)

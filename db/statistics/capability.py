@@ -16,8 +16,14 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from alignment.errors import DegenerateInputError
+from db.statistics.choices import Judgement
 from db.statistics.moments import Moments, as_values
+from db.statistics.spread import ALL_EQUAL, CURE
 
+LEAST_CPK = 1.33
+"""What plants ask of Cpk; shown only where the lower confidence limit is above it."""
+LEAST_VALUES = 10
+"""Fewer values judge no process: their spread may be small by chance, or by the display's step."""
 LEAST_FOR_QUANTILES = 1000
 """Values without which a quantile of 0.135 % says nothing."""
 
@@ -65,6 +71,52 @@ class Capability:
     expected_outside_ppm: float | None
     confidence: float
 
+    @property
+    def decisive(self) -> Index | None:
+        """Cpk where the spread within subgroups is known, else Ppk; None where there is no spread."""
+        return self.ppk if self.within_sigma is None else self.cpk
+
+
+@dataclass(frozen=True)
+class CapabilityJudgement:
+    """Whether a process has shown that it is capable, and why."""
+
+    judgement: Judgement
+    reason: str
+
+
+def judged(found: Capability, least: float = LEAST_CPK) -> CapabilityJudgement:
+    """Judge by the lower confidence limit, and only where enough values differ.
+
+    Parameters
+    ----------
+    least
+        Target of Cpk, or of Ppk where no spread within subgroups is known.
+    """
+    n = found.overall.n
+    if not found.overall.varied:
+        return CapabilityJudgement(Judgement.NONE, f"{ALL_EQUAL}: {CURE}")
+    index = found.decisive
+    if index is None:
+        return CapabilityJudgement(
+            Judgement.NONE, f"Values of one hour are all equal: no short-term spread was seen: {CURE}"
+        )
+    if n < LEAST_VALUES:
+        return CapabilityJudgement(
+            Judgement.NONE, f"{n} values say nothing of a process: measure {LEAST_VALUES} at least"
+        )
+    name = "Ppk" if index is found.ppk else "Cpk"
+    limit = f"the lower limit of {name}, {index.low:.2f}, is"
+    if index.low > least:
+        return CapabilityJudgement(Judgement.SHOWN, f"{limit} above {least:g}")
+    if index.high < least:
+        return CapabilityJudgement(
+            Judgement.NOT_SHOWN,
+            f"{limit} below {least:g}, and so is the upper: centre the process or narrow it",
+        )
+    more = "more values may show it" if index.value > least else "centre the process or narrow it"
+    return CapabilityJudgement(Judgement.NOT_SHOWN, f"{limit} not above {least:g}: {more}")
+
 
 def capability(
     overall: Moments,
@@ -99,13 +151,14 @@ def capability(
         raise DegenerateInputError(expected="within_sigma and within_df together", seen="only one")
     s = overall.deviation
     pp = ppk = cp = cpk = ppm = None
-    if s > 0.0:
+    if overall.varied and s > 0.0:
         pp = _potential(low, high, s, overall.n - 1, confidence)
         ppk = _actual(low, high, overall.mean, s, overall.n, overall.n - 1, confidence)
         below = 0.0 if low is None else stats.norm.cdf((low - overall.mean) / s)
         above = 0.0 if high is None else stats.norm.sf((high - overall.mean) / s)
         ppm = 1e6 * float(below + above)
-    if within_sigma is not None and within_df is not None and within_sigma > 0.0 and within_df > 0:
+    within_seen = overall.varied and within_sigma is not None and within_sigma > 0.0
+    if within_seen and within_sigma is not None and within_df is not None and within_df > 0:
         cp = _potential(low, high, within_sigma, within_df, confidence)
         cpk = _actual(low, high, overall.mean, within_sigma, overall.n, within_df, confidence)
     return Capability(overall, within_sigma, within_df, low, high, cp, cpk, pp, ppk, ppm, confidence)
@@ -151,9 +204,10 @@ def normality_p(values: ArrayLike) -> float | None:
     None for fewer than 8 values, or values that are all equal.
     """
     found = np.sort(as_values(values))
-    n, s = len(found), float(np.std(found, ddof=1)) if len(found) > 1 else 0.0
-    if n < 8 or not s > 0.0:
+    n = len(found)
+    if n < 8 or not found[-1] > found[0]:
         return None
+    s = float(np.std(found, ddof=1))
     z = (found - found.mean()) / s
     weights = 2.0 * np.arange(1, n + 1) - 1.0
     a = -n - float(np.mean(weights * (log_ndtr(z) + log_ndtr(-z[::-1]))))

@@ -69,8 +69,10 @@ class ControlChart:
     spread: Track
 
     @property
-    def in_control(self) -> bool:
-        """Whether neither track has a signal."""
+    def in_control(self) -> bool | None:
+        """Whether neither track has a signal; None without a spread, whose limits have no width."""
+        if not self.sigma > 0.0:
+            return None
         return not self.location.signals and not self.spread.signals
 
 
@@ -136,7 +138,9 @@ def control_chart(
         spreads, unit, name = np.ptp(groups, axis=1), constants.d2, "range"
         lower, upper = constants.D3, constants.D4
     else:
-        spreads, unit, name = groups.std(axis=1, ddof=1), constants.c4, "standard deviation"
+        # From the first value of each, so that equal ones have no deviation, whatever is rounded.
+        spreads = (groups - groups[:, :1]).std(axis=1, ddof=1)
+        unit, name = constants.c4, "standard deviation"
         lower, upper = constants.B3, constants.B4
     sigma = float(spreads.mean()) / unit if baseline is None else baseline.sigma
     means = groups.mean(axis=1)
@@ -171,12 +175,12 @@ def _individuals(values: Array, rules: RuleSet, baseline: Baseline | None) -> Co
 
 
 def _track(name: str, points: Array, centre: float, sigma: float, rules: RuleSet) -> Track:
-    # Points that all lie on the centre have no spread and no signals.
+    # Without a spread nothing can be judged, neither points on the centre nor those beside it.
     found = signals((points - centre) / sigma, rules) if sigma > 0.0 else ()
     return Track(name, points, centre, centre - 3.0 * sigma, centre + 3.0 * sigma, found)
 
 
 def _spread(name: str, points: Array, centre: float, lower: float, upper: float) -> Track:
-    outside = np.flatnonzero((points > upper) | (points < lower))
+    outside = np.flatnonzero((points > upper) | (points < lower)) if centre > 0.0 else []
     found: Sequence[Signal] = [Signal(int(index), 1, "one point beyond its limits") for index in outside]
     return Track(name, points, centre, lower, upper, tuple(found))

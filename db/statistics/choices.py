@@ -21,6 +21,18 @@ class ChartKind(enum.StrEnum):
     INDIVIDUALS = "individuals"
 
 
+class Judgement(enum.StrEnum):
+    """What may be said of a process or a gauge that had to show something.
+
+    Nothing that was not measured is shown: where the spread is a quotient of nothing by nothing, or values
+    are too few, there is no verdict, and a reason.
+    """
+
+    SHOWN = "shown"
+    NOT_SHOWN = "not shown"
+    NONE = "no verdict"
+
+
 class GrrMethod(enum.StrEnum):
     """How the components of a gauge study are found."""
 

@@ -17,6 +17,7 @@ from alignment.errors import DegenerateInputError
 from db.statistics.anova import Source, one_way, tested_against, two_way
 from db.statistics.choices import GrrMethod
 from db.statistics.constants import chart_constants, d2_star
+from db.statistics.moments import mean_of
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,8 @@ POOLING_P = 0.25
 """An interaction is kept when it would arise by chance with less than this probability (AIAG)."""
 ACCEPTABLE_PERCENT, CONDITIONAL_PERCENT, LEAST_NDC = 10.0, 30.0, 5
 """AIAG: up to 10 % acceptable, up to 30 % conditionally; five categories at least."""
+USUAL_PARTS = 10
+"""Of a complete study."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,9 @@ class GrrResult:
         Width of the tolerance, or None.
     mean
         Of all values.
+    repeated_differently
+        Whether any repetition of a part by an appraiser differs from another; where none does, the gauge
+        showed no repeatability, which is not one of zero.
     """
 
     method: GrrMethod
@@ -96,6 +102,7 @@ class GrrResult:
     multiplier: float
     tolerance: float | None
     mean: float
+    repeated_differently: bool
 
     @property
     def grr(self) -> float:
@@ -112,9 +119,9 @@ class GrrResult:
         """Number of distinct categories, rounded down; None for a gauge without any variation."""
         return math.floor(1.41 * self.part_variation / self.grr) if self.grr > 0.0 else None
 
-    def percent_study_variation(self, component: float) -> float:
-        """A component over the total variation; 0 where nothing varies."""
-        return 100.0 * component / self.total_variation if self.total_variation > 0.0 else 0.0
+    def percent_study_variation(self, component: float) -> float | None:
+        """A component over the total variation; None where nothing varies."""
+        return 100.0 * component / self.total_variation if self.total_variation > 0.0 else None
 
     def percent_tolerance(self, component: float) -> float | None:
         """A component's study variation over the tolerance; None without one."""
@@ -237,11 +244,14 @@ def _analysis(
         multiplier=multiplier,
         tolerance=tolerance,
         mean=_mean(data),
+        repeated_differently=_repeated_differently(data),
     )
 
 
 def _average_and_range(data: GaugeData, cube: Array, tolerance: float | None, multiplier: float) -> GrrResult:
     parts, appraisers, trials = cube.shape
+    # Means of equal values are then equal, whatever their digits.
+    cube = cube - cube.min()
     mean_range = float(np.ptp(cube, axis=2).mean())
     difference = float(np.ptp(cube.mean(axis=(0, 2)))) if appraisers > 1 else 0.0
     part_range = float(np.ptp(cube.mean(axis=(1, 2))))
@@ -264,6 +274,7 @@ def _average_and_range(data: GaugeData, cube: Array, tolerance: float | None, mu
         multiplier=multiplier,
         tolerance=tolerance,
         mean=_mean(data),
+        repeated_differently=_repeated_differently(data),
     )
 
 
@@ -320,8 +331,18 @@ def _without_appraisers(
         multiplier=multiplier,
         tolerance=tolerance,
         mean=_mean(data),
+        repeated_differently=_repeated_differently(data),
     )
 
 
 def _mean(data: GaugeData) -> float:
-    return data.offset + math.fsum(data.values) / len(data.values)
+    return data.offset + mean_of(data.values)
+
+
+def _repeated_differently(data: GaugeData) -> bool:
+    appraisers = data.appraisers if data.appraisers is not None else [""] * len(data.parts)
+    first: dict[tuple[str, str], float] = {}
+    return any(
+        first.setdefault((part, appraiser), float(value)) != value
+        for part, appraiser, value in zip(data.parts, appraisers, data.values, strict=True)
+    )

@@ -48,9 +48,9 @@ class BiasResult:
         return self.mean - self.reference
 
     @property
-    def significant(self) -> bool:
-        """Whether zero lies outside the confidence limits."""
-        return not self.low <= 0.0 <= self.high
+    def significant(self) -> bool | None:
+        """Whether zero lies outside the confidence limits; None when nothing varied, so there are none."""
+        return None if self.t is None else not self.low <= 0.0 <= self.high
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class LinearityResult:
     biases
         At each reference value, in rising order.
     slope, intercept, residual_deviation, r_squared
-        Of the line through all single errors.
+        Of the line through all single errors; R² is None when all errors are equal.
     slope_t, slope_p, intercept_t, intercept_p
-        Tests of zero; None when all errors lie on the line.
+        Tests of zero; None when no master was ever read differently, or all errors lie on the line.
     confidence
         Of the band and of the biases' limits.
     df, reference_mean, reference_squares
@@ -75,7 +75,7 @@ class LinearityResult:
     slope: float
     intercept: float
     residual_deviation: float
-    r_squared: float
+    r_squared: float | None
     slope_t: float | None
     slope_p: float | None
     intercept_t: float | None
@@ -94,10 +94,20 @@ class LinearityResult:
         return at - half, at + half
 
     @property
-    def acceptable(self) -> bool:
-        """Whether the line of zero bias lies within the band over the whole range (AIAG)."""
+    def acceptable(self) -> bool | None:
+        """Whether the line of zero bias lies within the band over the whole range (AIAG).
+
+        None when no master was ever read differently: a band without spread holds nothing or everything.
+        """
+        if not any(bias.deviation > 0.0 for bias in self.biases):
+            return None
+        return not self.outside_band
+
+    @property
+    def outside_band(self) -> int:
+        """Number of masters at which the line of zero bias lies outside of the band."""
         low, high = self.band(np.array([bias.reference for bias in self.biases]))
-        return bool(((low <= 0.0) & (high >= 0.0)).all())
+        return int(((low > 0.0) | (high < 0.0)).sum())
 
     def percent_linearity(self) -> float:
         """Size of the slope in percent: change of the bias over the change of the value."""
@@ -117,7 +127,7 @@ def bias(values: Sequence[float] | Array, reference: float, confidence: float = 
     error = s / math.sqrt(found.n)
     away = found.mean - reference
     half = float(stats.t.ppf(0.5 + confidence / 2, found.n - 1)) * error
-    t = away / error if s > 0.0 else None
+    t = away / error if found.varied else None
     return BiasResult(
         reference,
         found.n,
@@ -159,14 +169,16 @@ def linearity(
     rest = math.fsum(np.square(dy - slope * dx))
     total = math.fsum(np.square(dy))
     s = math.sqrt(rest / (n - 2))
-    slope_t = slope / (s / math.sqrt(sxx)) if s > 0.0 else None
-    intercept_t = intercept / (s * math.sqrt(1.0 / n + mean**2 / sxx)) if s > 0.0 else None
+    # Without repetitions that differ, s is what the line leaves over, or rounding: no test stands on it.
+    seen = s > 0.0 and any(each.deviation > 0.0 for each in biases)
+    slope_t = slope / (s / math.sqrt(sxx)) if seen else None
+    intercept_t = intercept / (s * math.sqrt(1.0 / n + mean**2 / sxx)) if seen else None
     return LinearityResult(
         biases,
         slope,
         intercept,
         s,
-        1.0 - rest / total if total > 0.0 else 1.0,
+        1.0 - rest / total if total > 0.0 else None,
         slope_t,
         _p(slope_t, n - 2),
         intercept_t,

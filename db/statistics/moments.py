@@ -38,6 +38,11 @@ class Moments:
     high: float
 
     @property
+    def varied(self) -> bool:
+        """Whether two values differ; squares alone may be what rounding left of nothing."""
+        return self.high > self.low
+
+    @property
     def variance(self) -> float:
         """Sample variance, n − 1 in the denominator.
 
@@ -69,13 +74,21 @@ def moments(values: ArrayLike) -> Moments:
         raise DegenerateInputError(expected="at least 1 value", seen="none")
     # A correctly rounded mean of numbers with many common digits still has an error of half a unit of its
     # last place; the second term takes that out of the squares (Chan, Golub, LeVeque 1983).
-    mean = math.fsum(found) / len(found)
+    mean = mean_of(found)
     away = found - mean
     rest = math.fsum(away)
     squares = math.fsum(np.square(away)) - rest * rest / len(found)
     return Moments(
         len(found), mean + rest / len(found), max(squares, 0.0), float(found.min()), float(found.max())
     )
+
+
+def mean_of(values: Iterable[float]) -> float:
+    """Mean of (N,) finite values, at least one; of equal values it is that value, to the last bit."""
+    found = list(values)
+    if min(found) == max(found):
+        return found[0]
+    return math.fsum(found) / len(found)
 
 
 def merged(parts: Iterable[Moments]) -> Moments:

@@ -20,6 +20,9 @@ from db.statistics.moments import as_values, moments
 
 Array = NDArray[np.float64]
 
+LEAST_POINTS, USUAL_POINTS = 8, 20
+"""A chart of fewer points can hardly signal: its limits come from the same few; and what a study has."""
+
 
 @dataclass(frozen=True, eq=False)
 class StabilityResult:
@@ -44,6 +47,12 @@ class StabilityResult:
     drift: float | None
     drift_p: float | None
     bias: BiasResult | None
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether there is no signal; None without a spread, or where too few points could have given one."""
+        found = self.chart.in_control
+        return None if found and len(self.chart.location.points) < LEAST_POINTS else found
 
 
 def stability(
@@ -71,7 +80,9 @@ def stability(
     """
     found = as_values(values)
     if len(found) < 3:
-        raise DegenerateInputError(expected="at least 3 values", seen=str(len(found)), cure="20 are usual")
+        raise DegenerateInputError(
+            expected="at least 3 values", seen=str(len(found)), cure=f"{USUAL_POINTS} are usual"
+        )
     chart = control_chart(ChartKind.INDIVIDUALS if size == 1 else kind, found, rules, size=size)
     drift, drift_p = (None, None) if times_s is None else drift_of(found, as_values(times_s) / 86_400.0)
     return StabilityResult(

@@ -17,8 +17,10 @@ from db.statistics.moments import moments
 
 LEAST_CG = 1.33
 """What plants ask of Cg and Cgk."""
-USUAL_VALUES = 50
-"""Repetitions of a complete study; 25 at least."""
+LEAST_VALUES, USUAL_VALUES = 10, 50
+"""Repetitions without which nothing is said, and those of a complete study."""
+LARGEST_RESOLUTION_PERCENT = 5.0
+"""What the resolution may be of the tolerance."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +103,14 @@ def type1(
         if not width > 0.0:
             raise DegenerateInputError(field=name, expected="a number greater than 0", seen=str(width))
     found = moments(values)
-    if found.n < 10:
+    if found.n < LEAST_VALUES:
         raise DegenerateInputError(
-            expected="at least 10 repetitions", seen=str(found.n), cure=f"{USUAL_VALUES} are usual"
+            expected=f"at least {LEAST_VALUES} repetitions",
+            seen=str(found.n),
+            cure=f"{USUAL_VALUES} are usual",
         )
     s, bias = found.deviation, abs(found.mean - reference)
-    varied = s > 0.0
+    varied = found.varied
     return Type1Result(
         n=found.n,
         mean=found.mean,

@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from db.statistics.budget import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
-from db.statistics.choices import ChartKind, GrrMethod, RuleSet
+from db.statistics.choices import ChartKind, GrrMethod, Judgement, RuleSet
 from db.statistics.grr import (
     ACCEPTABLE_PERCENT,
     CONDITIONAL_PERCENT,
     LEAST_NDC,
+    USUAL_PARTS,
     GaugeData,
     GrrResult,
     grr,
 )
 from db.statistics.linearity import linearity
 from db.statistics.moments import deviations
-from db.statistics.stability import stability
-from db.statistics.type1 import LEAST_CG, USUAL_VALUES, type1
+from db.statistics.spread import ALL_EQUAL, CURE, coarse_step
+from db.statistics.stability import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
+from db.statistics.type1 import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
 from station.quality import gauge_pictures as pictures
 from station.quality.gauge_file import GaugeRow
 from station.studies.study import Goal, Row, StudyResult
@@ -47,6 +49,8 @@ class GaugeReport:
         JSON values beside the figures: method, sizes, table of the analysis.
     assessment
         The verdict in one sentence.
+    no_verdict
+        Whether nothing was seen that could be judged; figures with limits are then not a number.
     """
 
     name: str
@@ -54,12 +58,21 @@ class GaugeReport:
     result: StudyResult
     facts: dict[str, Any]
     assessment: str
+    no_verdict: bool = False
+
+    @property
+    def judgement(self) -> Judgement:
+        """Whether the gauge has shown what was asked of it."""
+        if self.no_verdict:
+            return Judgement.NONE
+        return Judgement.NOT_SHOWN if self.result.missed else Judgement.SHOWN
 
     def as_json(self) -> dict[str, Any]:
         """What `--json` prints, but for the files."""
         return {
             "study": self.name.removeprefix("gauge-"),
             **self.facts,
+            "verdict": str(self.judgement),
             "assessment": self.assessment,
             **self.result.as_json(),
         }
@@ -95,23 +108,25 @@ def analyse_grr(
         "part_variation": found.part_variation,
         "total_variation": found.total_variation,
     }
+    seen = found.repeated_differently
+    percents = {name: _number(found.percent_study_variation(value)) for name, value in components.items()}
     figures: dict[str, float] = {
-        "grr_percent_study_variation": found.percent_study_variation(found.grr),
+        "grr_percent_study_variation": percents["grr"] if seen else math.nan,
         "ndc": math.nan if found.ndc is None else found.ndc,
         "repeatability": found.repeatability,
         "reproducibility": found.reproducibility,
         "grr": found.grr,
         "part_variation": found.part_variation,
         "total_variation": found.total_variation,
-        "repeatability_percent_study_variation": found.percent_study_variation(found.repeatability),
-        "reproducibility_percent_study_variation": found.percent_study_variation(found.reproducibility),
-        "part_variation_percent_study_variation": found.percent_study_variation(found.part_variation),
+        "repeatability_percent_study_variation": percents["repeatability"] if seen else math.nan,
+        "reproducibility_percent_study_variation": percents["reproducibility"],
+        "part_variation_percent_study_variation": percents["part_variation"],
         "mean": found.mean,
     }
     goals = [Goal("grr_percent_study_variation", "at_most", CONDITIONAL_PERCENT)]
     percent_tolerance = found.percent_tolerance(found.grr)
     if percent_tolerance is not None:
-        figures["grr_percent_tolerance"] = percent_tolerance
+        figures["grr_percent_tolerance"] = percent_tolerance if seen else math.nan
         goals.append(Goal("grr_percent_tolerance", "at_most", CONDITIONAL_PERCENT))
     rows_out: list[Row] = [
         {
@@ -119,7 +134,7 @@ def analyse_grr(
             "sigma": value,
             "spread": multiplier * value,
             "percent_of_study": found.percent_study_variation(value),
-            "percent_of_variance": found.percent_study_variation(value) ** 2 / 100.0,
+            "percent_of_variance": None if math.isnan(percents[name]) else percents[name] ** 2 / 100.0,
             "percent_of_tolerance": found.percent_tolerance(value),
         }
         for name, value in components.items()
@@ -140,7 +155,7 @@ def analyse_grr(
             for s in found.table
         ],
     }
-    assessment = _grr_assessment(found, percent_tolerance)
+    assessment = _grr_assessment(found, percent_tolerance) + _coarse(values, found.repeatability)
     text = f"{_size(found)}, by {_METHODS[method]}. {assessment}"
     plots = {
         "gauge-grr-components": pictures.grr_components(found),
@@ -152,6 +167,7 @@ def analyse_grr(
         StudyResult(tuple(rows_out), figures, tuple(goals), text, plots),
         facts,
         assessment,
+        no_verdict=not seen,
     )
 
 
@@ -182,14 +198,17 @@ def analyse_type1(
     goals = [Goal("cg", "at_least", LEAST_CG), Goal("cgk", "at_least", LEAST_CG)]
     if found.resolution_percent is not None:
         figures["resolution_percent_tolerance"] = found.resolution_percent
-        goals.append(Goal("resolution_percent_tolerance", "at_most", 5.0))
+        goals.append(Goal("resolution_percent_tolerance", "at_most", LARGEST_RESOLUTION_PERCENT))
     if found.cg is None or found.cgk is None:
-        assessment = "All values are equal: the resolution is too coarse to judge the spread"
+        assessment = f"{ALL_EQUAL}: {CURE}"
     else:
-        capable = min(found.cg, found.cgk) >= LEAST_CG
+        capable = all(goal.met(figures[goal.figure]) for goal in goals)
         assessment = f"Cg {found.cg:.2f}, Cgk {found.cgk:.2f}: {'capable' if capable else 'NOT capable'}"
         if found.bias_p is not None and found.bias_p < 0.05:
             assessment += f"; the bias {found.bias:+.4g} is significant"
+        if found.resolution_percent is not None and found.resolution_percent > LARGEST_RESOLUTION_PERCENT:
+            assessment += f"; the resolution is {found.resolution_percent:.1f} % of the tolerance"
+        assessment += _coarse(values)
     if found.n < USUAL_VALUES:
         assessment += f"; {found.n} repetitions, {USUAL_VALUES} are usual"
     result = StudyResult(
@@ -203,7 +222,9 @@ def analyse_type1(
         "reference": reference, "tolerance": tolerance, "share": share, "spread_in_sigma": spread,
         "unit": unit,
     }  # fmt: skip
-    return GaugeReport("gauge-type1", "Capability of the gauge on one master.", result, facts, assessment)
+    return GaugeReport(
+        "gauge-type1", "Capability of the gauge on one master.", result, facts, assessment, found.cg is None
+    )
 
 
 def analyse_linearity(rows: Sequence[GaugeRow], *, confidence: float = 0.95, unit: str = "") -> GaugeReport:
@@ -215,24 +236,19 @@ def analyse_linearity(rows: Sequence[GaugeRow], *, confidence: float = 0.95, uni
         "slope": found.slope,
         "intercept": found.intercept,
         "percent_linearity": found.percent_linearity(),
-        "r_squared": found.r_squared,
+        "r_squared": _number(found.r_squared),
         "residual_standard_deviation": found.residual_deviation,
         "slope_p": _number(found.slope_p),
         "intercept_p": _number(found.intercept_p),
         "largest_bias": max((each.bias for each in found.biases), key=abs),
-        "significant_biases": sum(each.significant for each in found.biases),
-        "zero_outside_band": sum(
-            not low <= 0.0 <= high
-            for low, high in zip(
-                *found.band(np.array([each.reference for each in found.biases])), strict=True
-            )
-        ),
+        "significant_biases": sum(bool(each.significant) for each in found.biases),
+        "zero_outside_band": math.nan if found.acceptable is None else found.outside_band,
     }
-    assessment = (
-        "The line of no bias lies within the confidence band: the gauge is linear"
-        if found.acceptable
-        else "The line of no bias leaves the confidence band: the gauge has a bias or a linearity error"
-    )
+    assessment = {
+        True: "The line of no bias lies within the confidence band: the gauge is linear",
+        False: "The line of no bias leaves the confidence band: the gauge has a bias or a linearity error",
+        None: f"No repetition on a master differs from another: the resolution is too coarse: {CURE}",
+    }[found.acceptable]
     result = StudyResult(
         tuple(
             {
@@ -254,6 +270,7 @@ def analyse_linearity(rows: Sequence[GaugeRow], *, confidence: float = 0.95, uni
         result,
         facts,
         assessment,
+        found.acceptable is None,
     )
 
 
@@ -287,20 +304,14 @@ def analyse_stability(
         "mean": offset + float(values.mean()),
         "standard_deviation": found.deviation,
         "sigma_within": chart.sigma,
-        "signals_location": len(chart.location.signals),
-        "signals_spread": len(chart.spread.signals),
+        "signals_location": math.nan if found.stable is None else len(chart.location.signals),
+        "signals_spread": math.nan if found.stable is None else len(chart.spread.signals),
         "drift_per_day": _number(found.drift),
         "drift_p": _number(found.drift_p),
     }
     if found.bias is not None:
         figures["bias"] = found.bias.bias
-    seen = len(chart.location.signals) + len(chart.spread.signals)
-    assessment = (
-        "Stable: no signal"
-        if chart.in_control
-        else f"NOT stable: {seen} signals, the first at value "
-        f"{min(s.index for s in (*chart.location.signals, *chart.spread.signals)) * chart.size + 1}"
-    )
+    assessment = _stability_assessment(found) + _coarse(values)
     if found.drift_p is not None and found.drift_p < 0.01 and found.drift is not None:
         assessment += f"; drift of {found.drift:+.3g} a day (p {found.drift_p:.2g})"
     result = StudyResult(
@@ -314,7 +325,9 @@ def analyse_stability(
         {"gauge-stability": pictures.chart_picture(chart, offset, unit)},
     )
     facts: dict[str, Any] = {"chart": str(chart.kind), "rules": str(rules), "size": chart.size, "unit": unit}
-    return GaugeReport("gauge-stability", "The same master over time.", result, facts, assessment)
+    return GaugeReport(
+        "gauge-stability", "The same master over time.", result, facts, assessment, found.stable is None
+    )
 
 
 def analyse_budget(
@@ -323,8 +336,8 @@ def analyse_budget(
     """VDA 5 budget; errors as `db.statistics.budget.budget`."""
     found: UncertaintyBudget = budget(components, tolerance, coverage_factor)
     figures = {
-        "q_ms": found.q_ms,
-        "q_mp": found.q_mp,
+        "q_ms": found.q_ms if found.spread_seen else math.nan,
+        "q_mp": found.q_mp if found.spread_seen else math.nan,
         "u_ms": found.u_ms,
         "u_mp": found.u_mp,
         "expanded_uncertainty": coverage_factor * found.u_mp,
@@ -334,6 +347,9 @@ def analyse_budget(
     assessment = (
         f"Q_MS {found.q_ms:.1f} % (limit {LIMIT_MS:g}), Q_MP {found.q_mp:.1f} % (limit {LIMIT_MP:g}): "
         f"{'capable' if found.capable else 'NOT capable'}"
+        if found.spread_seen
+        else "No spread was seen: every repeated reading is equal, so a share of the tolerance says nothing: "
+        "give the resolution of the gauge, or record more digits"
     )
     result = StudyResult(
         tuple(
@@ -350,7 +366,10 @@ def analyse_budget(
         {"gauge-budget": pictures.budget_bars(found)},
     )  # fmt: skip
     facts: dict[str, Any] = {"tolerance": tolerance, "coverage_factor": coverage_factor, "unit": unit}
-    return GaugeReport("gauge-budget", "Uncertainty budget (VDA 5, ISO 22514-7).", result, facts, assessment)
+    return GaugeReport(
+        "gauge-budget", "Uncertainty budget (VDA 5, ISO 22514-7).", result, facts, assessment,
+        not found.spread_seen,
+    )  # fmt: skip
 
 
 _METHODS = {GrrMethod.ANOVA: "analysis of variance", GrrMethod.RANGE: "average and range"}
@@ -358,6 +377,13 @@ _METHODS = {GrrMethod.ANOVA: "analysis of variance", GrrMethod.RANGE: "average a
 
 def _grr_assessment(found: GrrResult, percent_tolerance: float | None) -> str:
     percent = found.percent_study_variation(found.grr)
+    if percent is None:
+        return f"{ALL_EQUAL}: {CURE}"
+    if not found.repeated_differently:
+        return (
+            "No repetition of a part differs from another: the resolution is too coarse to judge the "
+            f"repeatability, or repetitions were copied: {CURE}"
+        )
     worst = max(percent, percent_tolerance or 0.0)
     verdict = (
         "acceptable"
@@ -370,7 +396,37 @@ def _grr_assessment(found: GrrResult, percent_tolerance: float | None) -> str:
     said = f"GRR is {percent:.1f} % of the study variation{of_tolerance}: {verdict}"
     if found.ndc is not None and found.ndc < LEAST_NDC:
         said += f"; {found.ndc} distinct categories, {LEAST_NDC} are asked for"
+    if found.part_variation == 0.0:
+        said += "; the parts differ by no more than the repetitions: choose them over the whole range"
+    if found.parts < USUAL_PARTS:
+        said += f"; {found.parts} parts, {USUAL_PARTS} are usual"
     return said
+
+
+def _stability_assessment(found: StabilityResult) -> str:
+    chart, points = found.chart, len(found.chart.location.points)
+    if chart.in_control is None:
+        within = (
+            "Values of a subgroup are all equal, so the limits have no width"
+            if found.deviation
+            else ALL_EQUAL
+        )
+        return f"{within}: {CURE}"
+    if found.stable is None:
+        return f"{points} points could hardly show a signal: {LEAST_POINTS} are needed, {USUAL_POINTS} usual"
+    signals = (*chart.location.signals, *chart.spread.signals)
+    if signals:
+        first = min(signal.index for signal in signals) * chart.size + 1
+        return f"NOT stable: {len(signals)} signals, the first at value {first}"
+    few = "" if points >= USUAL_POINTS else f"; {points} points, {USUAL_POINTS} are usual"
+    return f"Stable: no signal{few}"
+
+
+def _coarse(values: Array, deviation: float | None = None) -> str:
+    step = coarse_step(values, deviation)
+    if step is None:
+        return ""
+    return f"; values differ by {step:.3g} at least, more than their spread: the resolution is coarse"
 
 
 def _size(found: GrrResult) -> str:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.errors import ConfigurationError
+from alignment.errors import ConfigurationError, DegenerateInputError
 from db.quality_records import StudyKind
 from db.statistics.budget import Component, bias_uncertainty, resolution_uncertainty
 from db.statistics.choices import Contribution, GrrMethod
 from db.statistics.grr import GaugeData, grr
 from db.statistics.moments import deviations, moments
+from db.statistics.type1 import LEAST_VALUES, USUAL_VALUES
 from station.quality.gauge_analysis import without_appraiser
 from station.quality.gauge_file import read_budget_file, read_gauge_file
 from station.quality.gauge_source import COLUMNS, GaugeSource
@@ -67,6 +68,12 @@ def _of_type1(file: Path, reference: float | None) -> list[Component]:
     rows = read_gauge_file(file, COLUMNS[StudyKind.TYPE1])
     with GaugeSource(str(file), rows, "", {}).named_in_errors():
         offset, values = deviations([row.value for row in rows])
+        if len(values) < LEAST_VALUES:
+            raise DegenerateInputError(
+                expected=f"at least {LEAST_VALUES} repetitions",
+                seen=str(len(values)),
+                cure=f"{USUAL_VALUES} are usual",
+            )
         repeated = moments(values)
         found = [Component(Contribution.MASTER_REPEATABILITY, repeated.deviation, f"{file.name}, type 1")]
     if reference is not None:

@@ -24,8 +24,10 @@ def grr_components(found: GrrResult) -> Figure:
         "parts": found.part_variation,
     }
     percents = {
-        "contribution": [found.percent_study_variation(value) ** 2 / 100 for value in names.values()],
-        "study variation": [found.percent_study_variation(value) for value in names.values()],
+        "contribution": [
+            (found.percent_study_variation(value) or 0.0) ** 2 / 100 for value in names.values()
+        ],
+        "study variation": [found.percent_study_variation(value) or 0.0 for value in names.values()],
     }
     if found.tolerance is not None:
         percents["tolerance"] = [found.percent_tolerance(value) or 0.0 for value in names.values()]

@@ -105,8 +105,7 @@ def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]
             {
                 "axle": axle, "angle": str(quantity), "vehicles": len(pairs),
                 "left_mean_deg": float(both[:, 0].mean()), "right_mean_deg": float(both[:, 1].mean()),
-                "left_less_right_deg": difference.mean, "low_deg": difference.mean - half,
-                "high_deg": difference.mean + half, "p": p,
+                "left_less_right_deg": difference.mean, **_limits(difference.mean, half), "p": p,
             }
         )  # fmt: skip
     largest = max((abs(float(str(row["left_less_right_deg"]))) for row in rows), default=None)
@@ -139,7 +138,7 @@ def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characterist
                 {
                     "characteristic": characteristic, "limits_deg": limits, "station": station, "n": mine.n,
                     "mean_deg": mine.mean, "sigma_deg": mine.deviation, "less_others_deg": difference,
-                    "low_deg": difference - half, "high_deg": difference + half, "p": p,
+                    **_limits(difference, half), "p": p,
                 }
             )  # fmt: skip
     largest = max((abs(float(str(row["less_others_deg"]))) for row in rows), default=None)
@@ -161,20 +160,31 @@ def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characterist
     )
 
 
-def _welch(one: Moments, other: Moments) -> tuple[float, float, float | None]:
-    """Difference of two means, half its confidence interval, and its chance probability."""
+def _limits(value: float, half: float | None) -> dict[str, float | None]:
+    return {
+        "low_deg": None if half is None else value - half,
+        "high_deg": None if half is None else value + half,
+    }
+
+
+def _welch(one: Moments, other: Moments) -> tuple[float, float | None, float | None]:
+    """Difference of two means, half its confidence interval, and its chance probability.
+
+    None for both where neither varies: an interval without width would prove anything.
+    """
     a, b = one.variance / one.n, other.variance / other.n
     difference = one.mean - other.mean
     if not a + b > 0.0:
-        return difference, 0.0, None
+        return difference, None, None
     df = (a + b) ** 2 / (a * a / (one.n - 1) + b * b / (other.n - 1))
     half, p = _confidence(difference, math.sqrt(a + b), df)
     return difference, half, p
 
 
-def _confidence(value: float, error: float, df: float) -> tuple[float, float | None]:
-    half = float(stats.t.ppf(0.975, df)) * error
-    return half, float(2 * stats.t.sf(abs(value) / error, df)) if error > 0.0 else None
+def _confidence(value: float, error: float, df: float) -> tuple[float | None, float | None]:
+    if not error > 0.0:
+        return None, None
+    return float(stats.t.ppf(0.975, df)) * error, float(2 * stats.t.sf(abs(value) / error, df))
 
 
 def _drift(values: Array, at: Array) -> list[dict[str, str | float | int | None]]:
@@ -209,9 +219,10 @@ def _influence(
     dx, dy = x - x.mean(), values - values.mean()
     rest = float(np.square(dy - slope * dx).sum()) / (n - 2)
     half = float(stats.t.ppf(0.975, n - 2)) * math.sqrt(rest / float(np.square(dx).sum()))
+    limits = _limits(slope, None if p is None else half)
     return {
-        "influence": name, "what": unit, "change": slope, "low": slope - half, "high": slope + half,
-        "p": p, "n": n,
+        "influence": name, "what": unit, "change": slope, "low": limits["low_deg"],
+        "high": limits["high_deg"], "p": p, "n": n,
     }  # fmt: skip
 
 
@@ -233,12 +244,13 @@ def _calibration_steps(
             continue
         before, after = moments_of(values[first:at]), moments_of(values[at:last])
         difference, half, p = _welch(after, before)
+        limits = _limits(difference, half)
         time = times(series)[mine[at]]
         rows.append(
             {
                 "influence": "calibration",
                 "what": f"{series.calibration_id[mine[at]]} from {shown_time(time)}, degrees",
-                "change": difference, "low": difference - half, "high": difference + half, "p": p,
+                "change": difference, "low": limits["low_deg"], "high": limits["high_deg"], "p": p,
                 "n": after.n + before.n,
             }
         )  # fmt: skip

@@ -12,9 +12,17 @@ from numpy.typing import NDArray
 
 from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
-from db.statistics.capability import Index, capability, moving_range_sigma, normality_p, quantile_performance
+from db.statistics.capability import (
+    LEAST_CPK,
+    Index,
+    capability,
+    judged,
+    moving_range_sigma,
+    normality_p,
+    quantile_performance,
+)
 from db.statistics.charts import Baseline, ControlChart, Track, control_chart
-from db.statistics.choices import ChartKind, RuleSet
+from db.statistics.choices import ChartKind, Judgement, RuleSet
 from db.statistics.moments import Moments
 from db.statistics.rules import rule_texts
 from station.quality.pictures import Picture, Trace
@@ -33,7 +41,8 @@ _SPLITS: dict[SplitBy, tuple[GroupBy, ...]] = {
     SplitBy.NOTHING: (), SplitBy.STATION: (GroupBy.STATION,), SplitBy.DAY: (GroupBy.DAY,),
 }  # fmt: skip
 _BRIEF = (
-    "n", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "pp", "ppk", "ppk_low", "missed_low", "missed_high",
+    "n", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "ppk", "ppk_low", "missed_low", "missed_high",
+    "verdict",
 )  # fmt: skip
 
 
@@ -45,7 +54,7 @@ def capability_section(
 ) -> Section:
     """Indices of every characteristic with limits, by vehicle type, and its distribution."""
     by = [GroupBy.VEHICLE_TYPE, *_SPLITS[split]]
-    judged = [
+    with_limits = [
         found
         for found in moments(reader, where, characteristics, by)
         if found.n >= 2 and (found.low is not None or found.high is not None)
@@ -53,7 +62,7 @@ def capability_section(
     rows: list[Row] = []
     pictures: list[Picture] = []
     series: dict[Characteristic, ValueSeries] = {}
-    for found in judged:
+    for found in with_limits:
         values = np.zeros(0)
         if split is SplitBy.NOTHING:
             if found.characteristic not in series:
@@ -71,8 +80,9 @@ def capability_section(
         for name in ("cpk", "ppk")
     }
     figures: dict[str, float | int | None] = {
-        "capable_characteristics": sum((_value(row, "cpk") or 0.0) >= 1.33 for row in rows),
+        "capable_characteristics": sum(row["verdict"] == Judgement.SHOWN for row in rows),
         "judged_characteristics": len(rows),
+        "characteristics_without_verdict": sum(row["verdict"] == Judgement.NONE for row in rows),
         "least_cpk": least["cpk"],
         "least_ppk": least["ppk"],
     }
@@ -86,10 +96,12 @@ def capability_section(
         rows,
         figures,
         "Cp and Cpk: spread within the hours of one station, or of successive values where no two came in "
-        "one hour. Pp and Ppk: spread of all values. Limits of the "
-        "indices are for 95 % confidence. A small normality p (Anderson-Darling, newest "
-        f"{NEWEST} values) says that the expected share outside is not to be relied on; "
-        "from 1000 values on pp_quantile and ppk_quantile (ISO 22514-2) do without a normal distribution.",
+        "one hour. Pp and Ppk: spread of all values. Limits of the indices are for 95 % confidence. "
+        "Capability counts as shown only where the lower limit of Cpk (of Ppk without a short-term spread) "
+        f"is above {LEAST_CPK:g}; too few values, or equal ones, give no verdict. A small normality p "
+        f"(Anderson-Darling, newest {NEWEST} values) says that the expected share outside is not to be "
+        "relied on; from 1000 values on pp_quantile and ppk_quantile (ISO 22514-2) do without a normal "
+        "distribution.",
         pictures,
         brief=("characteristic", "type", *grouped, *_BRIEF),
     )
@@ -100,6 +112,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
     low, high = _degrees(found.low), _degrees(found.high)
     sigma, df = _within(found, values)
     indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
+    verdict = judged(indices)
     by_quantile = quantile_performance(values, low, high) or (None, None)
     groups = [_shown(found.group[each]) for each in _SPLITS[split]]
     grouped = {"group": groups[0]} if groups else {}
@@ -113,6 +126,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
         "missed_low": found.n_low, "missed_high": found.n_high,
         "expected_outside_ppm": indices.expected_outside_ppm, "normality_p": normality_p(values),
         "pp_quantile": by_quantile[0], "ppk_quantile": by_quantile[1],
+        "verdict": str(verdict.judgement), "verdict_reason": verdict.reason,
     }  # fmt: skip
 
 
@@ -127,7 +141,9 @@ def _courses(rows: Sequence[Row]) -> list[Picture]:
             Trace(key, "line", x, [_value(row, key) or 0.0 for row in known], colour=colour)
             for key, colour in (("ppk", ""), ("ppk_low", "second"))
         )
-        pictures.append(Picture(f"{name}, {kind}", "group", "Ppk", traces, {"limit 1.33": 1.33}))
+        pictures.append(
+            Picture(f"{name}, {kind}", "group", "Ppk", traces, {f"limit {LEAST_CPK:g}": LEAST_CPK})
+        )
     return pictures[:_PICTURES]
 
 
@@ -167,8 +183,10 @@ def chart_sections(
                 "characteristic": str(characteristic), "values": len(values),
                 "centre_deg": chart.location.centre, "lower_deg": chart.location.lower,
                 "upper_deg": chart.location.upper, "sigma_deg": chart.sigma,
-                "spread_upper_deg": chart.spread.upper, "signals": len(chart.location.signals),
-                "spread_signals": len(chart.spread.signals), "from_middle": "yes" if relative else "no",
+                "spread_upper_deg": chart.spread.upper,
+                "signals": None if chart.in_control is None else len(chart.location.signals),
+                "spread_signals": None if chart.in_control is None else len(chart.spread.signals),
+                "from_middle": "yes" if relative else "no",
             }
         )  # fmt: skip
         for track in (chart.location, chart.spread):
@@ -179,15 +197,19 @@ def chart_sections(
                 for track in (chart.location, chart.spread)
             ]
     texts = "; ".join(f"{number} {text}" for number, text in enumerate(rule_texts(rules), start=1))
-    found = sum(int(str(row["signals"])) + int(str(row["spread_signals"])) for row in rows)
     return [
         Section(
             "chart",
             f"Control charts ({kind}{'' if kind is ChartKind.INDIVIDUALS else f', subgroups of {size}'})",
             rows,
-            {"charts": len(rows), "signals": found},
+            {
+                "charts": len(rows),
+                "signals": len(signals),
+                "charts_without_spread": sum(row["signals"] is None for row in rows),
+            },
             f"Rules {rules}: {texts}. The newest {NEWEST} values in the order of storing. Where vehicle "
-            "types differ in their limits, values are taken from the middle of their own limits."
+            "types differ in their limits, values are taken from the middle of their own limits. "
+            "Equal values have no spread, so their chart has no limits and judges nothing."
             + ("" if baseline is None else f" Control limits: {in_words(baseline)}."),
             pictures,
             brief=("characteristic", "values", "centre_deg", "lower_deg", "upper_deg", "signals"),
@@ -226,7 +248,9 @@ def comparable(series: ValueSeries) -> tuple[Array, bool]:
 
 def in_degrees(found: StoredMoments) -> Moments:
     """The same moments in degrees."""
-    return Moments(found.n, found.mean * _DEG, found.m2 * _DEG**2, found.minimum * _DEG, found.maximum * _DEG)
+    # Of equal values rounding may leave squares in the sums; they have none.
+    squares = found.m2 * _DEG**2 if found.maximum > found.minimum else 0.0
+    return Moments(found.n, found.mean * _DEG, squares, found.minimum * _DEG, found.maximum * _DEG)
 
 
 def times(series: ValueSeries) -> list[datetime]:

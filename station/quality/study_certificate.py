@@ -76,7 +76,7 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
                 name.replace("_", " "),
                 "–" if math.isnan(value) else f"{value:.6g}",
                 ", ".join(str(goal) for goal in result.goals if goal.figure == name),
-                ", ".join("yes" if goal.met(value) else "NO" for goal in result.goals if goal.figure == name),
+                ", ".join(goal.said(value, "yes", "NO") for goal in result.goals if goal.figure == name),
             )
             for name, value in result.figures.items()
         ],

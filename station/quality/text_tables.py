@@ -33,7 +33,7 @@ def figure_table(result: StudyResult) -> Table:
     rows = []
     for name, value in result.figures.items():
         goals = [goal for goal in result.goals if goal.figure == name]
-        limit = ", ".join(f"{goal} {'met' if goal.met(value) else 'MISSED'}" for goal in goals)
+        limit = ", ".join(f"{goal} {goal.said(value)}" for goal in goals)
         rows.append({"figure": name, "value": None if math.isnan(value) else value, "limit": limit})
     return table(rows)
 

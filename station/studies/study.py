@@ -42,6 +42,10 @@ class Goal:
         """Whether a value keeps the limit; not a number keeps none."""
         return value <= self.limit if self.sense == "at_most" else value >= self.limit
 
+    def said(self, value: float, met: str = "met", missed: str = "MISSED") -> str:
+        """The same in a word; where there is no number there is no verdict."""
+        return "no verdict" if math.isnan(value) else met if self.met(value) else missed
+
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
@@ -174,8 +178,9 @@ def _text(study: Titled, result: StudyResult) -> str:
     for name, value in result.figures.items():
         goals = [goal for goal in result.goals if goal.figure == name]
         limits = " and ".join(str(goal) for goal in goals)
-        met = "" if not goals else "yes" if all(goal.met(value) for goal in goals) else "**no**"
-        lines.append(f"| {name} | {value:.4g} | {limits} | {met} |")
+        met = " and ".join(dict.fromkeys(goal.said(value, "yes", "**no**") for goal in goals))
+        shown = "–" if math.isnan(value) else f"{value:.4g}"
+        lines.append(f"| {name} | {shown} | {limits} | {met} |")
     lines += ["", *(f"![{name}]({name}.png)" for name in result.plots)]
     return "\n".join(lines) + "\n"
 

@@ -92,9 +92,11 @@ def test_known_process_gives_the_limits() -> None:
     assert len(chart.location.signals) == 5
 
 
-def test_values_that_never_vary_give_no_signal() -> None:
+def test_values_that_never_vary_give_no_signal_and_no_verdict() -> None:
+    """They were "in control": limits without a width judge nothing."""
     chart = control_chart(ChartKind.INDIVIDUALS, np.full(12, 3.0), RuleSet.NELSON)
-    assert chart.in_control
+    assert chart.location.signals == ()
+    assert chart.in_control is None
 
 
 NELSON_PATTERNS = {
