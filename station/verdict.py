@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from alignment.errors import DegenerateInputError
+from db.angle_verdicts import missed_limit
 from db.records import CycleOutcome, Verdict
 
 
@@ -98,8 +99,8 @@ class Angle:
         if self.limits is None:
             return Status.UNJUDGED
         margin = uncertainty if self.guard_band else 0.0
-        inside = self.limits.low + margin <= self.value <= self.limits.high - margin
-        return Status.OK if inside else Status.NOK
+        missed = missed_limit(self.value, self.limits.low, self.limits.high, margin)
+        return Status.OK if missed is None else Status.NOK
 
 
 def combined(angles: Iterable[Angle]) -> Status:

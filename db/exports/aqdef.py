@@ -12,8 +12,8 @@ event  meaning
 3      the same VIN was measured before
 =====  =====================================================
 
-Values of cycles that the station did not finish are marked invalid (K0002 = 129): shown, and left out of the
-plant's calculation.
+Values of cycles that the station did not finish, and values that it did not judge, are marked invalid
+(K0002 = 129): shown, and left out of the plant's calculation.
 
 Sources: Q-DAS, ASCII Transfer Format, and the AQDEF specification, version 3: keys, lengths, date notation.
 """
@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import IO
 
 from alignment.errors import ConfigurationError
+from db.angle_verdicts import AngleVerdict
 from db.exports.rows import AngleRow
 from db.exports.tables import replaced
 from db.records import EventRecord, Severity
@@ -221,7 +222,7 @@ class _Collected:
         codes += [MEASURED_BEFORE] * (before is not None)
         time = row.received_utc.astimezone(self._timezone) if self._timezone else row.received_utc
         self._write(part, number, "K0001", _number(row.value_deg))
-        if not row.judged_cycle:
+        if not row.judged_cycle or row.verdict == AngleVerdict.NOT_JUDGED:
             self._write(part, number, "K0002", str(INVALID))
         self._write(part, number, "K0004", time.strftime("%d.%m.%Y/%H:%M:%S"))
         if codes:

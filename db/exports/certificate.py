@@ -11,11 +11,13 @@ from uuid import UUID
 from matplotlib.figure import Figure
 
 from alignment.errors import InputError
+from db.angle_verdicts import AngleVerdict
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
-from db.records import StoredCycle
+from db.records import StoredCycle, Verdict
 
+_EXPLAINED = (AngleVerdict.NOK, AngleVerdict.NOT_MEASURED, AngleVerdict.NOT_JUDGED)
 _OUTCOMES = {
     "ok": "OK",
     "nok": "NOT OK",
@@ -66,13 +68,19 @@ def write_vehicle_certificate(
     document.rows(
         ("angle", "value ± expanded uncertainty", "lower limit", "upper limit", "verdict"),
         [_angle(row) for row in rows],
-        widths=(34, 26, 14, 14, 12),
+        widths=(34, 26, 13, 13, 14),
     )
+    reasons = [
+        (_name(row), row.reason_text or row.reason_code or "") for row in rows if row.verdict in _EXPLAINED
+    ]
+    if reasons:
+        document.rows(("angle", "why it is not ok"), reasons, widths=(34, 66))
     if any(row.value_deg is not None and row.low_deg is not None for row in rows):
         document.picture(tolerance_picture(rows))
     document.paragraph(
         "Angles in degrees. Camber is positive when the top leans outboard, toe when the wheel points inward "
-        "in front. The verdict of a wheel, an axle or the vehicle is that of all its angles together"
+        "in front. Each angle has its own verdict; a wheel, an axle or the vehicle is not ok when one of its "
+        "angles is not"
         + (
             "; limits are narrowed by the expanded uncertainty (ISO 14253-1)."
             if any(row.guard_band for row in rows)
@@ -100,10 +108,10 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
     for number, (row, value, low, high) in enumerate(judged):
         half = (high - low) / 2
         at = (value - (high + low) / 2) / half
-        width = (row.coverage_factor or 2.0) * (row.u_deg or 0.0) / half
+        width = (row.u95_deg or 0.0) / half
         # Far outside the place no longer matters, only the side.
         shown = min(max(at, -2.2), 2.2)
-        outside = abs(at) > 1
+        outside = row.verdict == AngleVerdict.NOK
         ax.errorbar(
             shown, number, xerr=min(width, 2.0), fmt="D" if outside else "o",
             color="tab:red" if outside else "tab:blue", capsize=3,
@@ -134,10 +142,11 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
     record = stored.record
     document.heading("Wheels")
     document.rows(
-        ("wheel", "method", "calibration", "points", "residual mm", "reason"),
+        ("wheel", "verdict", "method", "calibration", "points", "residual mm", "reason"),
         [
             (
                 wheel.wheel.replace("_", " "),
+                "–" if wheel.verdict is Verdict.NONE else str(wheel.verdict),
                 wheel.method or str(wheel.outcome),
                 _calibration(history, wheel.calibration_id),
                 "" if wheel.points_used is None else str(wheel.points_used),
@@ -146,7 +155,7 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
             )
             for wheel in record.wheels
         ],
-        widths=(14, 20, 32, 9, 10, 25),
+        widths=(14, 9, 20, 28, 9, 10, 20),
     )
     used = {wheel.calibration_id for wheel in record.wheels}
     checks = [check for check in history.checks if check.calibration_id in used]
@@ -196,13 +205,11 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
 
 def _angle(row: AngleRow) -> tuple[str, str, str, str, str]:
     if row.value_deg is None:
-        return _name(row), f"{row.outcome}: {row.reason_text or row.reason_code or ''}", "", "", "–"
-    u = "" if row.u_deg is None else f" ± {(row.coverage_factor or 2.0) * row.u_deg:.4f}"
+        return _name(row), "–", "", "", row.verdict
+    u = "" if row.u95_deg is None else f" ± {row.u95_deg:.4f}"
     limits = ("" if limit is None else f"{limit:.3f}" for limit in (row.low_deg, row.high_deg))
     low, high = limits
-    # The verdict is that of the part; an angle without limits had no share in it.
-    judged = row.verdict if low or high else "none"
-    return _name(row), f"{row.value_deg:+.4f}{u}", low, high, "–" if judged == "none" else judged
+    return _name(row), f"{row.value_deg:+.4f}{u}", low, high, row.verdict
 
 
 def _calibration(history: VinHistory, identity: str | None) -> str:
@@ -211,9 +218,8 @@ def _calibration(history: VinHistory, identity: str | None) -> str:
 
 
 def _name(row: AngleRow) -> str:
-    name = f"{row.part} {row.quantity}".replace("_", " ")
     sign = row.thrust_sign if row.quantity == "thrust_angle" else None
-    return name if sign is None else f"{name} ({sign.replace('_', ' ')})"
+    return row.name if sign is None else f"{row.name} ({sign.replace('_', ' ')})"
 
 
 def _time(time: datetime) -> str:

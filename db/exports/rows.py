@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from db.records import StoredCycle, WheelOutcome
+from db.angle_verdicts import AngleVerdict, Side, judge_angle
+from db.records import CycleRecord, StoredCycle, WheelOutcome
 
 VEHICLE = "vehicle"
+USUAL_K = 2.0
+"""Coverage factor of an expanded uncertainty where a record names none."""
+_REASONS: Mapping[AngleVerdict, tuple[str, str]] = {
+    AngleVerdict.WITHOUT_LIMITS: ("no_limits", "the vehicle type has no limits for this angle"),
+    AngleVerdict.NOT_JUDGED: (
+        "not_judged", "the station gave no verdict: no valid calibration or uncertainty stood behind it",
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -34,7 +43,12 @@ class AngleRow:
     low_deg, high_deg, guard_band, coverage_factor
         Limits, and how the verdict used them.
     verdict
-        ``ok``, ``nok`` or ``none``, of the part the angle belongs to.
+        Of this angle alone: ``ok``, ``nok``, ``without limits``, ``not measured``, ``not judged``.
+    part_verdict
+        ``ok``, ``nok`` or ``none``, of the wheel, axle or vehicle the angle belongs to.
+    reason_code, reason_text
+        Why the angle is not ok, for programs and for people: ``toe_high``, ``no_limits``, ``not_judged``, or
+        the reason why its wheel was not measured. None where it is.
     """
 
     cycle: str
@@ -54,6 +68,7 @@ class AngleRow:
     guard_band: bool | None
     coverage_factor: float | None
     verdict: str
+    part_verdict: str
     reason_code: str | None
     reason_text: str | None
     measured_utc: datetime | None
@@ -71,6 +86,16 @@ class AngleRow:
     def characteristic(self) -> str:
         """``front_left.toe``."""
         return f"{self.part}.{self.quantity}"
+
+    @property
+    def u95_deg(self) -> float | None:
+        """Expanded uncertainty: the standard one times k, 2 where none is recorded."""
+        return None if self.u_deg is None else (self.coverage_factor or USUAL_K) * self.u_deg
+
+    @property
+    def name(self) -> str:
+        """``front left toe``."""
+        return f"{self.part} {self.quantity}".replace("_", " ")
 
     @property
     def judged_cycle(self) -> bool:
@@ -95,16 +120,14 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
     }
     nothing: dict[str, Any] = dict.fromkeys(
         (
-            "reason_code", "reason_text", "measured_utc", "method", "calibration_id", "zero_measurement_id",
-            "points_used", "residual_rms_mm", "thrust_sign",
+            "measured_utc", "method", "calibration_id", "zero_measurement_id", "points_used",
+            "residual_rms_mm", "thrust_sign",
         )
     )  # fmt: skip
     for wheel in record.wheels:
         own = {
             "part": wheel.wheel,
             "outcome": str(wheel.outcome),
-            "reason_code": wheel.reason_code,
-            "reason_text": wheel.reason_text,
             "measured_utc": wheel.measured_utc,
             "method": wheel.method,
             "calibration_id": wheel.calibration_id,
@@ -113,30 +136,67 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
             "residual_rms_mm": wheel.residual_rms_mm,
         }
         for quantity in ("camber", "toe"):
-            yield AngleRow(**(common | nothing | own | _angle(wheel, quantity)))
+            yield AngleRow(**(common | nothing | own | _angle(record, wheel, quantity)))
     for axle in record.axles:
         own = {"part": axle.axle, "outcome": str(WheelOutcome.MEASURED)}
         for quantity in ("total_toe", "camber_difference"):
-            yield AngleRow(**(common | nothing | own | _angle(axle, quantity)))
+            yield AngleRow(**(common | nothing | own | _angle(record, axle, quantity)))
     vehicle = record.vehicle_angles
     if vehicle is not None:
         own = {"part": VEHICLE, "outcome": str(WheelOutcome.MEASURED), "thrust_sign": vehicle.thrust_sign}
         for quantity in ("thrust_angle", "front_toe_left_to_thrust", "front_toe_right_to_thrust"):
-            yield AngleRow(**(common | nothing | own | _angle(vehicle, quantity)))
+            yield AngleRow(**(common | nothing | own | _angle(record, vehicle, quantity)))
 
 
-def _angle(record: Any, quantity: str) -> dict[str, Any]:
+def _angle(cycle: CycleRecord, part: Any, quantity: str) -> dict[str, Any]:
     # Fields of the records are named after the angle.
-    return {
+    value, u = getattr(part, quantity), getattr(part, f"{quantity}_u", None)
+    low, high = getattr(part, f"{quantity}_low", None), getattr(part, f"{quantity}_high", None)
+    verdict, missed = judge_angle(
+        value,
+        u,
+        low,
+        high,
+        guard_band=part.guard_band,
+        coverage_factor=part.coverage_factor,
+        part=part.verdict,
+    )
+    found = {
         "quantity": quantity,
-        "value_deg": _degrees(getattr(record, quantity)),
-        "u_deg": _degrees(getattr(record, f"{quantity}_u", None)),
-        "low_deg": _degrees(getattr(record, f"{quantity}_low", None)),
-        "high_deg": _degrees(getattr(record, f"{quantity}_high", None)),
-        "guard_band": record.guard_band,
-        "coverage_factor": record.coverage_factor,
-        "verdict": str(record.verdict),
+        "value_deg": _degrees(value),
+        "u_deg": _degrees(u),
+        "low_deg": _degrees(low),
+        "high_deg": _degrees(high),
+        "guard_band": part.guard_band,
+        "coverage_factor": part.coverage_factor,
+        "verdict": str(verdict),
+        "part_verdict": str(part.verdict),
     }
+    if verdict is AngleVerdict.NOT_MEASURED:
+        code, text = part.reason_code or cycle.reason_code, part.reason_text or cycle.reason_text
+    elif missed is not None:
+        code, text = f"{quantity}_{missed}", _why_missed(found, missed)
+    else:
+        code, text = _REASONS.get(verdict, (None, None))
+    return found | {"reason_code": code, "reason_text": text}
+
+
+def _why_missed(angle: Mapping[str, Any], missed: Side) -> str:
+    """Which limit, by how much, and whether only the guard band stood between."""
+    value, limit = angle["value_deg"], angle[f"{missed}_deg"]
+    beyond = limit - value if missed is Side.LOW else value - limit
+    if beyond > 0.0:
+        return f"{'below' if missed is Side.LOW else 'above'} the limit {limit:.4f}° by {_shown(beyond)}°"
+    expanded = angle["coverage_factor"] * angle["u_deg"]
+    return (
+        f"only {_shown(-beyond)}° inside the limit {limit:.4f}°, less than the expanded uncertainty "
+        f"{_shown(expanded)}°"
+    )
+
+
+def _shown(degrees: float) -> str:
+    """Four decimals, or two digits of what is smaller."""
+    return f"{degrees:.4f}" if degrees >= 1e-4 or degrees == 0.0 else f"{degrees:.1e}"
 
 
 def _degrees(angle: float | None) -> float | None:

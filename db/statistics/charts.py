@@ -181,6 +181,6 @@ def _track(name: str, points: Array, centre: float, sigma: float, rules: RuleSet
 
 
 def _spread(name: str, points: Array, centre: float, lower: float, upper: float) -> Track:
-    outside = np.flatnonzero((points > upper) | (points < lower)) if centre > 0.0 else []
+    outside = np.flatnonzero(((points > upper) | (points < lower)) & (centre > 0.0))
     found: Sequence[Signal] = [Signal(int(index), 1, "one point beyond its limits") for index in outside]
     return Track(name, points, centre, lower, upper, tuple(found))

@@ -30,11 +30,11 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
         {
             "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
             "angle": row.characteristic, "value_deg": row.value_deg,
-            "u95_deg": None if row.u_deg is None else (row.coverage_factor or 2.0) * row.u_deg,
+            "u95_deg": row.u95_deg,
             "low_deg": row.low_deg, "high_deg": row.high_deg, "verdict": row.verdict,
-            "outcome": row.outcome, "reason": row.reason_text, "method": row.method,
-            "calibration": row.calibration_id, "zero": row.zero_measurement_id, "points": row.points_used,
-            "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
+            "part_verdict": row.part_verdict, "outcome": row.outcome, "reason": row.reason_text,
+            "method": row.method, "calibration": row.calibration_id, "zero": row.zero_measurement_id,
+            "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
         }
         for stored in history.cycles
         for row in angle_rows(stored)
@@ -63,7 +63,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             "Angles",
             rows,
             {"angles": len(rows)},
-            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "calibration"),
+            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "reason"),
         ),
         *_explaining(history),
     ]

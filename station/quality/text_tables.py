@@ -14,6 +14,7 @@ from rich.table import Table
 from station.studies.study import StudyResult
 
 _FILE_WIDTH = 160
+_LONG = 40
 
 
 def table(rows: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
@@ -22,7 +23,9 @@ def table(rows: Sequence[Mapping[str, Any]], title: str | None = None) -> Table:
     names = list(rows[0]) if rows else []
     for name in names:
         number = any(isinstance(row[name], int | float) for row in rows)
-        found.add_column(name.replace("_", " "), justify="right" if number else "left", no_wrap=not number)
+        # Only long text is broken into lines: where a table is too wide, numbers must not be the first to go.
+        long = max(len(shown(row[name])) for row in rows) > _LONG
+        found.add_column(name.replace("_", " "), justify="right" if number else "left", no_wrap=not long)
     for row in rows:
         found.add_row(*(shown(row[name]) for name in names))
     return found
