@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from alignment.errors import InputError
 from db.angle_verdicts import AngleVerdict
+from db.exports.fonts import picture_text
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
@@ -118,7 +119,7 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
         )  # fmt: skip
     ax.set(
         yticks=range(len(judged)),
-        yticklabels=[_name(row) for row, *_ in judged],
+        yticklabels=[picture_text(_name(row)) for row, *_ in judged],
         xlim=(-2.4, 2.4),
         xticks=(-1, 0, 1),
         xticklabels=("lower limit", "middle", "upper limit"),

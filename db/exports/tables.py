@@ -13,12 +13,14 @@ from typing import Any
 
 from db.exports.rows import AngleRow
 
+# A cell that begins with one of these, wide forms included, is run as a formula by spreadsheets (OWASP).
+_RUN = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 COLUMNS = tuple(item.name for item in fields(AngleRow))
 _ROW_GROUP = 50_000
 
 
 def write_csv(path: Path, rows: Iterable[AngleRow]) -> int:
-    """Write a table in UTF-8 with a header; times in ISO 8601, UTC. Returns the number of rows.
+    """Write a table in UTF-8 with a header, its cells as `csv_cell`. Returns the number of rows.
 
     Raises
     ------
@@ -30,7 +32,7 @@ def write_csv(path: Path, rows: Iterable[AngleRow]) -> int:
         writer = csv.writer(stream)
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow([_text(value) for value in astuple(row)])
+            writer.writerow([csv_cell(value) for value in astuple(row)])
             count += 1
     return count
 
@@ -76,10 +78,17 @@ def _groups(rows: Iterable[AngleRow]) -> Iterator[list[AngleRow]]:
         yield group
 
 
-def _text(value: Any) -> Any:
+def csv_cell(value: Any) -> Any:
+    """A value as it stands in a CSV cell: a number to its last digit, a time in ISO 8601, UTC.
+
+    Text that a spreadsheet would run as a formula begins with an apostrophe, which makes it text there;
+    numbers, negative ones too, stay numbers.
+    """
     if isinstance(value, datetime):
         return value.astimezone(UTC).isoformat()
-    return repr(value) if isinstance(value, float) else value
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(_RUN) else value
+    return repr(float(value)) if isinstance(value, float) else value
 
 
 def _parquet_type(pa: Any, name: str) -> Any:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from db.exports.fonts import picture_text
 from db.statistics.budget import UncertaintyBudget
 from db.statistics.charts import ControlChart, Track
 from db.statistics.grr import GaugeData, GrrResult
@@ -63,12 +64,14 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
         known = [part for part in parts if cells[part]]
         x = [place[part] + at for part in known]
         means = [float(np.mean(cells[part])) for part in known]
-        top.plot(x, means, "-", linewidth=0.8, color=f"C{number}", label=appraiser or None)
+        top.plot(x, means, "-", linewidth=0.8, color=f"C{number}", label=picture_text(appraiser) or None)
         bottom.plot(x, [float(np.ptp(cells[part])) for part in known], "o-", markersize=3, color=f"C{number}")
     top.set_ylabel(_labelled("value", unit))
     bottom.set_ylabel(_labelled("range of trials", unit))
     bottom.set_ylim(bottom=0.0)
-    bottom.set_xticks(range(len(parts)), parts, rotation=45 if len(parts) > 12 else 0)
+    bottom.set_xticks(
+        range(len(parts)), [picture_text(part) for part in parts], rotation=45 if len(parts) > 12 else 0
+    )
     bottom.set_xlabel("part")
     if any(appraisers):
         top.legend(title="appraiser")
@@ -121,7 +124,7 @@ def budget_bars(found: UncertaintyBudget) -> Figure:
     """Standard uncertainties of the budget, those that another one stands for in grey."""
     figure = Figure(figsize=(7, 0.4 * len(found.lines) + 1.5), layout="constrained")
     ax = figure.subplots()
-    names = [f"{line.component.kind} {line.component.source}".strip() for line in found.lines]
+    names = [picture_text(f"{line.component.kind} {line.component.source}".strip()) for line in found.lines]
     colours = ["tab:blue" if line.counted else "0.7" for line in found.lines]
     at = np.arange(len(names))
     ax.barh(at, [line.component.u for line in found.lines], color=colours)
@@ -146,4 +149,4 @@ def _draw_track(ax: Axes, track: Track, first: int, offset: float, unit: str) ->
 
 
 def _labelled(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
+    return picture_text(f"{name} [{unit}]" if unit else name)

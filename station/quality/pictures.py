@@ -9,6 +9,8 @@ from typing import Any, Literal
 
 from matplotlib.figure import Figure
 
+from db.exports.fonts import picture_text
+
 _COLOURS = {
     "ok": "#2a7a2a", "nok": "#b02020", "fault": "#777777", "aborted": "#c9a227", "limit": "#b02020",
     "control": "#d07000", "second": "#d07000", "centre": "#2a7a2a", "signal": "#b02020",
@@ -77,7 +79,8 @@ def as_html(picture: Picture) -> str:
     figure = go.Figure()
     for trace in picture.traces:
         common = {
-            "x": list(trace.x), "y": list(trace.y), "name": escape(trace.name),
+            "x": [escape(at) if isinstance(at, str) else at for at in trace.x],
+            "y": list(trace.y), "name": escape(trace.name),
             "hovertext": [escape(label) for label in trace.labels] or None,
             "yaxis": "y2" if trace.right else "y",
         }  # fmt: skip
@@ -99,8 +102,8 @@ def as_html(picture: Picture) -> str:
         figure.add_annotation(x=at, y=1, yref="paper", text=escape(text), showarrow=False, font={"size": 9})
     layout: dict[str, Any] = {
         "title": {"text": escape(picture.title)},
-        "xaxis": {"title": {"text": picture.x_label}},
-        "yaxis": {"title": {"text": picture.y_label}},
+        "xaxis": {"title": {"text": escape(picture.x_label)}},
+        "yaxis": {"title": {"text": escape(picture.y_label)}},
         "template": "plotly_white",
         "height": 420,
         "barmode": "stack" if picture.stacked else "group",
@@ -143,14 +146,24 @@ def as_figure(picture: Picture) -> Figure:
         draw(value, color=_level_colour(name), linewidth=1, linestyle="-" if "centre" in name else "--")
     for at, text in picture.verticals:
         ax.axvline(at, color="0.4", linewidth=0.8, linestyle=":")
-        ax.annotate(text, (at, 1.0), xycoords=("data", "axes fraction"), fontsize=6, rotation=90, va="top")
-    ax.set(title=picture.title, xlabel=picture.x_label, ylabel=picture.y_label)
+        ax.annotate(
+            picture_text(text),
+            (at, 1.0),
+            xycoords=("data", "axes fraction"),
+            fontsize=6,
+            rotation=90,
+            va="top",
+        )
+    title, x_label, y_label = map(picture_text, (picture.title, picture.x_label, picture.y_label))
+    ax.set(title=title, xlabel=x_label, ylabel=y_label)
     if right is not ax:
         right.set_ylabel(picture.right_label)
         right.set_ylim(bottom=0.0)
     if len(picture.traces) > 1:
         ax.legend(fontsize=8)
-    names = next((list(trace.x) for trace in picture.traces if _words(trace.x)), [])
+    names = next(
+        ([picture_text(str(at)) for at in trace.x] for trace in picture.traces if _words(trace.x)), []
+    )
     if names:
         # More names than fit are thinned; the table has all.
         every = max(1, -(-len(names) // _NAMES))

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
+from db.exports.tables import csv_cell
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -162,7 +164,7 @@ def write_study(study: Titled, result: StudyResult, folder: Path) -> list[Path]:
     with table.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, fieldnames=list(result.rows[0]) if result.rows else [])
         writer.writeheader()
-        writer.writerows(result.rows)
+        writer.writerows({name: csv_cell(value) for name, value in row.items()} for row in result.rows)
     files = [table]
     for name, figure in result.plots.items():
         files.append(folder / f"{name}.png")
