@@ -11,11 +11,14 @@ from station.quality.pictures import as_html
 from station.quality.report import Report, Row, Section
 
 LONGEST_TABLE = 5000
+_LONG = 40
 _STYLE = """
 body { font-family: system-ui, sans-serif; max-width: 80rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
 table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; font-size: 0.85rem }
 th, td { border: 1px solid #ccc; padding: 0.2rem 0.6rem; text-align: left }
 td.number { text-align: right; font-variant-numeric: tabular-nums }
+td { white-space: nowrap }
+td.long { white-space: normal; min-width: 24rem }
 .scroll { overflow-x: auto; max-height: 40rem }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: 0.1rem 1rem }
 dd { margin: 0 }
@@ -69,7 +72,7 @@ def _table(rows: Sequence[Row]) -> str:
         + "".join(
             f'<td class="number">{shown(cell)}</td>'
             if isinstance(cell, int | float) and not isinstance(cell, bool)
-            else f"<td>{shown(cell)}</td>"
+            else f"<td{' class=long' if len(str(cell)) > _LONG else ''}>{shown(cell)}</td>"
             for cell in row.values()
         )
         + "</tr>"

@@ -118,7 +118,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
     grouped = {"group": groups[0]} if groups else {}
     return {
         "characteristic": str(found.characteristic), "type": _shown(found.group[GroupBy.VEHICLE_TYPE]),
-        **grouped, "n": found.n, "mean_deg": overall.mean,
+        **grouped, "n": found.n, "verdict": str(verdict.judgement), "mean_deg": overall.mean,
         "sigma_within_deg": indices.within_sigma, "sigma_deg": overall.deviation,
         "low_deg": low, "high_deg": high,
         **_index("cp", indices.cp), **_index("cpk", indices.cpk),
@@ -126,7 +126,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
         "missed_low": found.n_low, "missed_high": found.n_high,
         "expected_outside_ppm": indices.expected_outside_ppm, "normality_p": normality_p(values),
         "pp_quantile": by_quantile[0], "ppk_quantile": by_quantile[1],
-        "verdict": str(verdict.judgement), "verdict_reason": verdict.reason,
+        "verdict_reason": verdict.reason,
     }  # fmt: skip
 
 
@@ -286,7 +286,12 @@ def _values_of(series: ValueSeries, found: StoredMoments) -> Array:
 
 def _histogram(found: StoredMoments, values: Array) -> Picture:
     overall, low, high = in_degrees(found), _degrees(found.low), _degrees(found.high)
-    counts, edges = np.histogram(values, bins=min(_BINS, max(5, round(math.sqrt(len(values))))))
+    bins, ends = min(_BINS, max(5, round(math.sqrt(len(values))))), None
+    if not overall.varied:
+        # One bar at the value between four empty ones, narrow beside the limits.
+        half = 0.025 if low is None or high is None else (high - low) / 20
+        bins, ends = 5, (overall.mean - half, overall.mean + half)
+    counts, edges = np.histogram(values, bins=bins, range=ends)
     middles = (edges[:-1] + edges[1:]) / 2
     traces = [Trace("values", "bar", middles.tolist(), counts.astype(float).tolist())]
     if overall.deviation > 0.0:
