@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from cantools.database.can import Message
 from cantools.database.can.signal import Signal
 
-from station.line.dbc import LineDatabase
+from station.config import CycleSettings, DatabaseSettings
+from station.line.dbc import LineDatabase, Value
+from station.line.document_code import C_CODE, PLC_PROGRAM
 from station.line.document_text import (
-    E2E_CODE,
     FOR_PLC_PROGRAMMERS,
     GOOD_CYCLE,
     HEAD,
     HELD_AND_LOST,
     MODES_TEXT,
+    SIGNAL_LEGEND,
     TOOLS,
 )
 from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, EVENTS, Request, Rule
 from station.line.messages import HandshakeState, LineErrorCode
+from station.line.protection import protect
 
 _E2E = ("E2eCrc", "E2eCounter")
 
@@ -29,7 +32,8 @@ def interface_document(database: LineDatabase) -> str:
     """The whole document, Markdown; the same for the same DBC and program."""
     parts = [
         HEAD.format(major=database.interface_version[0], minor=database.interface_version[1]),
-        FOR_PLC_PROGRAMMERS,
+        _for_plc_programmers(database),
+        PLC_PROGRAM,
         GOOD_CYCLE,
         _states(),
         HELD_AND_LOST.format(
@@ -43,6 +47,17 @@ def interface_document(database: LineDatabase) -> str:
         TOOLS,
     ]
     return "\n".join(part.strip() + "\n" for part in parts)
+
+
+def _for_plc_programmers(database: LineDatabase) -> str:
+    cycle = CycleSettings()
+    store_s = float(DatabaseSettings.model_fields["timeout_s"].default)
+    longest_s = cycle.measure_timeout_s + 6 * store_s
+    return FOR_PLC_PROGRAMMERS.format(
+        longest_s=longest_s,
+        longest_adjust_s=longest_s + cycle.adjust_timeout_s,
+        status_ms=_ms(database.timeout_s("Status")),
+    )
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -118,23 +133,50 @@ def _protection(database: LineDatabase) -> str:
     return f"""
 ## End-to-end protection
 
-Every message is protected by AUTOSAR E2E profile 1, variant 1A (PRS E2E Protocol): byte 0 is a CRC-8 SAE
-J1850 (polynomial 0x1D, start value 0xFF, inverted at the end) over the low byte and the high byte of the
-message's data id and then bytes 1 to 7; the low half of byte 1 is a counter from 0 to 14, one more in each
-frame of the message. A receiver
+Every message is protected by AUTOSAR E2E profile 1, variant 1A (PRS E2E Protocol): byte 0 is a CRC-8 over the
+low byte and the high byte of the message's data id and then bytes 1 to 7; the low half of byte 1 is a counter
+from 0 to 14, one more in each frame of the message, 0 after 14.
+
+The CRC has the polynomial 0x1D of SAE J1850, most significant bit first, nothing reflected, **start value
+0x00, and is not inverted at the end**. A library's ready-made CRC-8 SAE J1850 starts with 0xFF and inverts
+at the end, and gives other values: the profile calls it so that both cancel. A receiver
 
 - drops a frame whose CRC is wrong or whose counter is 15,
-- compares the counter with that of the last frame with a right CRC: 1 to {_delta(database)} ahead counts, the
-  same number is a repetition and is dropped,
-- takes a larger step as a jump: that frame and the next one are dropped, then frames count again,
+- compares the counter with that of the last frame with a right CRC, counting on from 14 to 0: 1 to
+  {_delta(database)} ahead counts, the same number is a repetition and is dropped,
+- takes a larger step as a jump: that frame is dropped, and the first one that follows in step; then frames
+  count again,
 - drops the very first frame, which there is nothing to compare with, and begins so again after the
   communication was lost.
 
-{E2E_CODE}
+{C_CODE}
+To test yours: with the data id 0x0123 and eight bytes of zero the frame is `CC 00 00 00 00 00 00 00`, and
+with the counter 1 `91 01 00 00 00 00 00 00`; both are examples of the specification. Frames of this line:
+
+{_table(("message", "content", "counter", "frame"), _examples(database))}
 
 | message | data id | largest step |
 |---|---|---|
 """ + "\n".join(f"| {name} | {data_id} | {step} |" for name, data_id, step in rows)
+
+
+def _examples(database: LineDatabase) -> Iterator[tuple[str, str, int, str]]:
+    """Frames to test a controller's CRC and signals by: message, content, counter, bytes."""
+    vin = {f"Vin{k:02d}": ord(character) for k, character in enumerate("WVWZZZ", 1)}
+    idle = {**dict.fromkeys(database.signals("Command"), 0), "Code": "none", "Mode": "automatic"}
+    start = {"Code": "start", "Sequence": 5, "VehicleType": 258, "Heartbeat": 1}
+    wheels = {f"Wheel{ending}": 1 for ending in database.wheels.values()}
+    result = {"Outcome": "nok", "Sequence": 5, "Camber": -1.2345, "Toe": 0.25}
+    examples: tuple[tuple[str, int, str, Mapping[str, Value]], ...] = (
+        ("Command", 0, "none, number 0, all else 0", idle),
+        ("Command", 1, "start, number 5, all wheels, type 258, heartbeat 1", {**idle, **start, **wheels}),
+        ("Vin1", 14, "number 5, WVWZZZ", {"SequenceLow": 5, **vin}),
+        ("WheelResultFrontLeft", 7, "nok, number 5, camber −1.2345°, toe 0.25°", result),
+    )
+    for name, counter, content, values in examples:
+        data = bytearray(database.encode(name, values).data)
+        protect(data, database.protected[name].data_id, counter)
+        yield name, content, counter, f"`{data.hex(' ').upper()}`"
 
 
 def _delta(database: LineDatabase) -> str:
@@ -169,6 +211,8 @@ def _signals(database: LineDatabase) -> str:
         "",
         "Every message has the two signals of the end-to-end protection too: E2eCrc, byte 0, and E2eCounter,"
         " the low half of byte 1.",
+        "",
+        SIGNAL_LEGEND.strip(),
     ]
     for messages in _alike(database):
         first = messages[0]

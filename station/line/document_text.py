@@ -16,16 +16,23 @@ FOR_PLC_PROGRAMMERS = """
 
 1. **Send `Command` every 100 ms, always**, with code none while there is nothing to do, and at once when it
    changes. It is your sign of life. Send `Vin1` to `Vin3` with zeros every second between vehicles.
-2. **Power up**: wait until `Status` comes and `CommandAnswer.LinkUp` is yes. If `Status.ResultValid` is
-   yes, the station holds results that you have not acknowledged: take them over (6) before anything else.
-   If `Status.Busy` is yes, wait for them. If neither is so and `Ready` is no, send reset with a new
-   number.
-3. **Start**: when `Ready` is yes, take the next number (1 to 255, then 1 again), send the three VIN
-   frames with it, and put `Command` start with number, type, wheels and mode on the bus. Leave all four
-   there, repeated every 100 ms, until `CommandAnswer` shows this code and number.
+2. **Power up**: wait until `Status` comes and `CommandAnswer.LinkUp` is yes, and as long as
+   `Status.Handshake` is starting. If `Status.ResultValid` is yes, the station holds results that you have not
+   acknowledged: take them over (6) before anything else. If `Status.Busy` is yes, wait for them. If
+   `Status.Fault` is yes, have repaired what `ErrorCode` says, then send reset with a new number. Otherwise
+   `Ready` comes by itself.
+3. **Start**: when `Ready` is yes, take the next number, send the three VIN frames with it, and put
+   `Command` start with number, type, wheels and mode on the bus. Leave all four there, repeated every 100
+   ms, until `CommandAnswer` shows this code and number. The next number is one more than `Status.Sequence`,
+   1 after 255; if `CommandAnswer.Sequence` shows that one, which a refused start leaves there, take the one
+   after it. So you need not keep a number over your own restart; where `Status.Sequence` is 0, the station
+   restarted and any number but 0 is right.
 4. **Read the answer**: accepted, go back to none; refused, `ErrorCode` says why and nothing has happened.
-   `vin_incomplete` and `starting` pass while the command stands.
-5. **Wait** for `ResultValid` with your number, as long as a cycle may take. `Fault` ends it without a result.
+   Only `vin_incomplete` passes while a start stands, and `starting` while a reset stands; after any other
+   refusal go back to none and give the next attempt a new number. The measuring cycle can still refuse a
+   start that was accepted, for an unknown vehicle type for one: the answer changes to refused then.
+5. **Wait** for `ResultValid` with your number, as long as a cycle may take (table below). `Fault` ends it
+   without a result; so does `Ready`, when the station restarted meanwhile.
 6. **Take over**: read all result messages whose number is yours; what is missing comes again within 100 ms.
    Keep them where they survive your own restart. Then put acknowledge with the number on the bus until
    `ResultValid` is gone, and go back to none.
@@ -35,27 +42,41 @@ FOR_PLC_PROGRAMMERS = """
    that does not count did not happen. Without a good `Status` in time take the station as lost: withdraw
    the command, treat the vehicle as not measured, and go on with (2) when it comes back.
 
-```
-IF NOT StatusFresh THEN                         (* no good Status within its timeout *)
-    Command.Code := NONE;  Step := POWER_UP;
-END_IF
-CASE Step OF
-    READY:    IF VehicleThere AND Status.Ready THEN
-                  Number := Number MOD 255 + 1;
-                  SendVin(Number);  Command := START(Number, Type, Wheels, AUTOMATIC);  Step := STARTED;
-              END_IF
-    STARTED:  IF Answer.Code = START AND Answer.Sequence = Number THEN
-                  IF Answer.Answer = ACCEPTED THEN Command.Code := NONE;  Step := WAITING;
-                  ELSIF Answer.ErrorCode <> VIN_INCOMPLETE THEN Command.Code := NONE;  Step := REFUSED;
-                  END_IF
-              END_IF
-    WAITING:  IF Status.ResultValid AND Status.Sequence = Number AND ResultsComplete(Number) THEN
-                  KeepResults(Number);  Command := ACKNOWLEDGE(Number);  Step := TAKEN;
-              ELSIF Status.Fault OR CycleTooLong THEN Step := NOT_MEASURED;
-              END_IF
-    TAKEN:    IF NOT Status.ResultValid THEN Command.Code := NONE;  Step := READY;  END_IF
-END_CASE
-```
+How long a cycle may take, from the accepted start to `ResultValid` or `Fault`, follows from the station's
+configuration; ask for its file. `LongestCycle` below is this value:
+
+| mode | longest time | with the defaults |
+|---|---|---|
+| automatic, master_check, calibrate | `cycle.measure_timeout_s` + 6 × `database.timeout_s` | \
+{longest_s:g} s |
+| adjust | the same + `cycle.adjust_timeout_s` | {longest_adjust_s:g} s |
+
+For each wheel beyond four add `database.timeout_s` once more. A cycle that is aborted ends sooner; `Ready`
+may then come up to `cycle.measure_timeout_s` after its results, while cameras that were left behind finish.
+
+The steps of a controller, in Structured Text (IEC 61131-3). `Type#WORD` is a word of the value tables, in
+capitals. All else that it names:
+
+| name | what |
+|---|---|
+| `Status`, `Answer` | the last good frames of `Status` and `CommandAnswer`; yes is TRUE. While the \
+station is silent, `Answer.LinkUp` is FALSE |
+| `StatusFresh` | a good `Status` came within the last {status_ms} ms |
+| `Step`, `Number` | at the beginning POWER_UP and 0; neither needs to survive a restart |
+| `InStep` | time since `Step` last changed |
+| `VehicleWaiting` | set by your line once for each vehicle, and again when the operator wants \
+another attempt |
+| `ResetAsked` | set by the operator |
+| `Put` | what stands in `Command` from now on; with start also type, wheels and mode, and the \
+three VIN frames, all with this number |
+| `ForgetResults` | clears the received result messages |
+| `ResultsComplete` | the last good frame of every result message, uncertainties included, has this \
+number |
+| `KeepResults` | stores the verdicts for the vehicle of this number, where they survive a restart, \
+also of one that was started before your restart |
+| `NotMeasured` | the vehicle of this number was not measured, and why; results that come later \
+still count |
+
 """
 
 GOOD_CYCLE = """
@@ -127,27 +148,14 @@ Stored as a check of each rig's calibration too | by itself |
 A live angle is true now only in the states inside and outside. It is never a verdict and never stored.
 """
 
-E2E_CODE = """
-```c
-uint8_t crc8(uint8_t crc, uint8_t byte)             /* polynomial 0x1D */
-{
-    crc ^= byte;
-    for (int bit = 0; bit < 8; bit++)
-        crc = (uint8_t)(crc & 0x80 ? (crc << 1) ^ 0x1D : crc << 1);
-    return crc;
-}
-
-uint8_t e2e_crc(const uint8_t data[8], uint16_t data_id)
-{
-    uint8_t crc = crc8(crc8(0xFF, data_id & 0xFF), data_id >> 8);
-    for (int k = 1; k < 8; k++)
-        crc = crc8(crc, data[k]);
-    return crc ^ 0xFF;
-}
-```
-
-To test yours: with the data id 0x0123 and eight bytes of zero the frame is `CC 00 00 00 00 00 00 00`, and
-with the counter 1 `91 01 00 00 00 00 00 00`.
+SIGNAL_LEGEND = """
+How to read the tables. **bits** is start|length, as in the DBC: bit 0 is the least significant bit of byte
+0, bit 8 that of byte 1, bit 63 the most significant one of byte 7. A signal's start is its least
+significant bit, the others follow upwards, over the ends of bytes too: 24|20 is byte 3, byte 4 and the low
+half of byte 5, byte 3 being the lowest. *signed* is two's complement of that length. Physical value = raw
+value × **step**; no signal has an offset. **range** is of physical values. **values** are raw values that
+stand for a word, *invalid* for one: they are not multiplied. A flag is 1 for yes. Bits that no signal has
+are sent as 0 and not looked at.
 """
 
 TOOLS = """
@@ -165,6 +173,7 @@ opened again until it answers.
 `--simulated` on one of its own |
 | `truewheel line plc --vin VIN` | plays the PLC for some vehicles |
 | `truewheel line plc --scenario configs/line-scenarios.toml` | plays good and bad days |
-| `truewheel line monitor` | shows decoded traffic, errors marked; reads and writes candump, ASC and BLF |
+| `truewheel line monitor` | shows decoded traffic, errors marked; reads and writes candump, ASC \
+and BLF |
 | `truewheel line cable` | joins two serial devices back to back |
 """
