@@ -19,8 +19,14 @@ _LOG = logging.getLogger("truewheel.station")
 
 
 class _Log(Observer):
+    def __init__(self) -> None:
+        self._state: StationState | None = None
+
     def entered(self, state: StationState) -> None:
-        _LOG.info("state %s", state)
+        # A reset that changes nothing enters the state anew, as often as the controller sends one.
+        if state is not self._state:
+            _LOG.info("state %s", state)
+        self._state = state
 
     def cycle_done(self, report: CycleReport) -> None:
         trigger, record = report.trigger, report.record

@@ -129,7 +129,10 @@ def bus_settings(configuration: Configuration) -> BusSettings:
     """Return the station's end of the bus."""
     line = configuration.settings.line
     log = None if line.log is None else configuration.path(line.log)
-    return BusSettings(line.interface, line.channel, line.bitrate, log, line.options)
+    most_bytes = round(1e6 * line.log_mb)
+    return BusSettings(
+        line.interface, line.channel, line.bitrate, log, line.options, most_bytes, line.log_files
+    )
 
 
 def line_options(configuration: Configuration) -> LineOptions:

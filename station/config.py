@@ -89,7 +89,15 @@ class LineSettings(StrictModel):
     )
     dbc: FilePath = Field(description="File that describes the messages")
     log: FilePath | None = Field(
-        default=None, description="File for all traffic: .log (candump), .asc or .blf; no log without"
+        default=None,
+        description="File for all traffic: .log (candump), .asc or .blf; older ones are kept beside it as "
+        "NAME.1.log, NAME.2.log, …; no log without",
+    )
+    log_mb: float = Field(
+        default=100.0, ge=0.01, le=10_000, description="Size at which a new file is begun, megabytes"
+    )
+    log_files: int = Field(
+        default=10, ge=1, le=1000, description="Files of the log that are kept, the current one included"
     )
     acknowledge_timeout_s: Seconds = Field(
         default=2.0,
@@ -307,10 +315,15 @@ class Configuration:
     def hash(self) -> str:
         """SHA-256 of what decides results: settings, vehicle types, DBC; every record carries it.
 
-        Where results are stored is left out: it changes none, and may hold a password.
+        Where results are stored is left out: it changes none, and may hold a password. So is the bus's log.
         """
+        left_out: dict[str, bool | set[str]] = {
+            "database": True,
+            "archive": True,
+            "line": {"log", "log_mb", "log_files"},
+        }
         content = {
-            "station": self.settings.model_dump(mode="json", exclude={"database", "archive"}),
+            "station": self.settings.model_dump(mode="json", exclude=left_out),
             "vehicle_types": [kind.model_dump(mode="json") for _, kind in sorted(self.vehicle_types.items())],
             "dbc": hashlib.sha256(self.path(self.settings.line.dbc).read_bytes()).hexdigest(),
         }

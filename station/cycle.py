@@ -15,12 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from alignment.errors import (
-    InputError,
-    LineError,
-    StoreError,
-    TruewheelError,
-)
+from alignment.errors import InputError, LineError, StoreError, TruewheelError
 from db.records import (
     CycleOutcome,
     CycleRecord,
@@ -30,6 +25,7 @@ from db.records import (
 )
 from station.adjusting import Adjusting
 from station.calibration_images import CalibrationImages
+from station.coalesced import Coalesced
 from station.cycle_record import cycle_record
 from station.evaluation import Evaluation, axle_of, evaluate
 from station.held import Closing, Held, closing_text, unacknowledged
@@ -129,6 +125,7 @@ class MeasuringCycle:
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
         self._store_thread = StoreThread(bounds.store_s)
+        self._provoked = Coalesced[tuple[Severity, str]](lambda kind, text: self._note(*kind, text), clock)
 
     @property
     def state(self) -> StationState:
@@ -157,6 +154,7 @@ class MeasuringCycle:
     def close(self) -> None:
         """End the threads; a wheel or a commit that is under way is waited for."""
         self._wheel_threads.shutdown(cancel_futures=True)
+        self._provoked.flush()
         self._store_thread.close()
 
     def serve(self, stopping: threading.Event) -> None:
@@ -177,6 +175,7 @@ class MeasuringCycle:
 
     def step(self, timeout_s: float) -> CycleReport | None:
         """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
+        self._provoked.flush_due()
         command = self._line.next_command(timeout_s)
         match command:
             case Trigger():
@@ -194,7 +193,7 @@ class MeasuringCycle:
         code = self._refusal(trigger)
         if code is not None:
             self._line.refuse(trigger.sequence, code)
-            self._note(Severity.WARNING, str(code), f"start {trigger} was refused")
+            self._provoked.say((Severity.WARNING, str(code)), f"start {trigger} was refused")
             return None
         self._interruption = None
         self._error, self._fault_wheel = LineErrorCode.NONE, None
@@ -260,7 +259,7 @@ class MeasuringCycle:
             try:
                 self._positions[wheel].rig.arm()
             except TruewheelError as error:
-                _LOG.warning("%s did not prepare: %s", wheel, error)
+                self._provoked.say((Severity.WARNING, "not_prepared"), f"{wheel}: {error}")
 
     def _refusal(self, trigger: Trigger | Prepare) -> LineErrorCode | None:
         """Why this trigger cannot be served, if it cannot."""
@@ -456,7 +455,7 @@ class MeasuringCycle:
             self._error = LineErrorCode.CYCLE_TIMEOUT
         elif failures:
             self._error = LineErrorCode.CAMERA_FAULT
-            self._note(Severity.ERROR, str(self._error), "; ".join(map(str, failures)))
+            self._provoked.say((Severity.ERROR, str(self._error)), "; ".join(map(str, failures)))
         elif not self._note(Severity.INFO, "reset", "the line reset the station"):
             self._error = LineErrorCode.STORE_FAULT
         else:

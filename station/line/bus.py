@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -15,6 +14,8 @@ import can
 from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
+from station.coalesced import Coalesced
+from station.line.bus_log import open_log
 from station.line.channel import BusSettings, Channel
 from station.line.supervised import SupervisedThread
 
@@ -23,7 +24,6 @@ SEND_TIMEOUT_S = 0.2
 SEND_PATIENCE_S = 2.0
 REOPEN_FIRST_S, REOPEN_LAST_S = 0.1, 5.0
 _SOCKETCAN_BUS_OFF = 0x40
-LOG_ENDINGS = (".log", ".asc", ".blf")
 Listener = Callable[[can.Message], None]
 _LOG = logging.getLogger("truewheel.line")
 
@@ -112,6 +112,8 @@ class LineBus:
         self._pause_s = REOPEN_FIRST_S
         self._last_error: str | None = None
         self._closed = False
+        # An adapter that fails as soon as it is open would fill the program's log.
+        self._said = Coalesced[int](lambda level, text: _LOG.log(level, "%s %s", self._name, text), clock)
         self._receiver = SupervisedThread(f"line receive {self._name}", self._receive_one)
         self._receiver.start()
 
@@ -156,6 +158,11 @@ class LineBus:
             self._sent += 1
             self._log(frame)
 
+    def log_to(self, writer: MessageWriter) -> None:
+        """Write every frame from now on; `close` ends the writer."""
+        with self._lock:
+            self._writer = writer
+
     @property
     def health(self) -> BusHealth:
         """State and counters up to now."""
@@ -180,6 +187,7 @@ class LineBus:
             if self._closed:
                 return
             self._closed = True
+            self._said.flush()
             self._shut_down()
             self._released()
             self._finish_log()
@@ -193,6 +201,7 @@ class LineBus:
         self.close()
 
     def _receive_one(self, stopping: threading.Event) -> None:
+        self._said.flush_due()
         bus = self._bus
         if bus is None:
             self._reopen(stopping)
@@ -235,7 +244,7 @@ class LineBus:
             self._losses += 1
             self._refusing_since = None
             self._shut_down()
-        _LOG.error("%s is lost: %s", self._name, why)
+        self._said.say(logging.ERROR, f"is lost: {why}")
 
     def _reopen(self, stopping: threading.Event) -> None:
         if stopping.wait(self._pause_s):
@@ -249,7 +258,7 @@ class LineBus:
         self._pause_s = REOPEN_FIRST_S
         with self._lock:
             self._bus = bus
-        _LOG.warning("%s is open again", self._name)
+        self._said.say(logging.WARNING, "is open again")
 
     def _shut_down(self) -> None:
         bus, self._bus = self._bus, None
@@ -291,14 +300,16 @@ def open_bus(settings: BusSettings, now: Callable[[], float] = time.time) -> Lin
         When the interface is unknown or not installed, the channel cannot be opened, or the log cannot be
         written.
     """
-    writer = None if settings.log is None else open_log(settings.log)
     channel = Channel(settings)
-    try:
-        return LineBus(channel, writer, now, released=channel.release, name=str(channel))
-    except ConfigurationError:
-        if writer is not None:
-            writer.stop()
-        raise
+    bus = LineBus(channel, now=now, released=channel.release, name=str(channel))
+    if settings.log is not None:
+        # After the bus: a start that fails puts no log aside.
+        try:
+            bus.log_to(open_log(settings.log, settings.log_bytes, settings.log_files))
+        except BaseException:
+            bus.close()
+            raise
+    return bus
 
 
 def _is_off(bus: can.BusABC, frame: can.Message | None) -> bool:
@@ -309,26 +320,3 @@ def _is_off(bus: can.BusABC, frame: can.Message | None) -> bool:
         return bus.state is can.BusState.ERROR
     except NotImplementedError:
         return False
-
-
-def open_log(path: Path) -> MessageWriter:
-    """Open a file that takes frames: candump (``.log``), ASC or BLF.
-
-    Raises
-    ------
-    ConfigurationError
-        When it has another ending or cannot be written.
-    """
-    if path.suffix.lower() not in LOG_ENDINGS:
-        raise ConfigurationError(
-            file=path,
-            field="log",
-            expected=f"a file ending in {', '.join(LOG_ENDINGS)}",
-            seen=path.suffix or "none",
-        )
-    try:
-        return can.Logger(path)
-    except OSError as error:
-        raise ConfigurationError(
-            file=path, field="log", expected="a file that can be written", seen=str(error.strerror)
-        ) from error

@@ -31,6 +31,8 @@ class BusSettings:
         File that takes all traffic: ``.log`` (candump), ``.asc`` or ``.blf``; None writes none.
     options
         Further arguments of the interface.
+    log_bytes, log_files
+        Size at which a new file of the log is begun, and how many are kept, the current one included.
     """
 
     interface: str = "virtual"
@@ -38,6 +40,8 @@ class BusSettings:
     bitrate: int = 500_000
     log: Path | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    log_bytes: int = 100_000_000
+    log_files: int = 10
 
 
 class Channel:

@@ -22,6 +22,7 @@ from station.line.document_text import (
 )
 from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, EVENTS, Request, Rule
+from station.line.interface import PREPARE_LIFETIME_S
 from station.line.messages import HandshakeState, LineErrorCode
 from station.line.protection import protect
 
@@ -37,7 +38,9 @@ def interface_document(database: LineDatabase) -> str:
         GOOD_CYCLE,
         _states(),
         HELD_AND_LOST.format(
-            command_ms=_ms(database.timeout_s("Command")), status_ms=_ms(database.timeout_s("Status"))
+            command_ms=_ms(database.timeout_s("Command")),
+            status_ms=_ms(database.timeout_s("Status")),
+            prepare_s=PREPARE_LIFETIME_S,
         ),
         MODES_TEXT,
         _protection(database),
@@ -162,11 +165,15 @@ with the counter 1 `91 01 00 00 00 00 00 00`; both are examples of the specifica
 
 def _examples(database: LineDatabase) -> Iterator[tuple[str, str, int, str]]:
     """Frames to test a controller's CRC and signals by: message, content, counter, bytes."""
-    vin = {f"Vin{k:02d}": ord(character) for k, character in enumerate("WVWZZZ", 1)}
-    idle = {**dict.fromkeys(database.signals("Command"), 0), "Code": "none", "Mode": "automatic"}
-    start = {"Code": "start", "Sequence": 5, "VehicleType": 258, "Heartbeat": 1}
-    wheels = {f"Wheel{ending}": 1 for ending in database.wheels.values()}
-    result = {"Outcome": "nok", "Sequence": 5, "Camber": -1.2345, "Toe": 0.25}
+    vin: dict[str, Value] = {f"Vin{k:02d}": ord(character) for k, character in enumerate("WVWZZZ", 1)}
+    idle: dict[str, Value] = {
+        **dict.fromkeys(database.signals("Command"), 0),
+        "Code": "none",
+        "Mode": "automatic",
+    }
+    start: dict[str, Value] = {"Code": "start", "Sequence": 5, "VehicleType": 258, "Heartbeat": 1}
+    wheels: dict[str, Value] = {f"Wheel{ending}": 1 for ending in database.wheels.values()}
+    result: dict[str, Value] = {"Outcome": "nok", "Sequence": 5, "Camber": -1.2345, "Toe": 0.25}
     examples: tuple[tuple[str, int, str, Mapping[str, Value]], ...] = (
         ("Command", 0, "none, number 0, all else 0", idle),
         ("Command", 1, "start, number 5, all wheels, type 258, heartbeat 1", {**idle, **start, **wheels}),

@@ -119,11 +119,11 @@ HELD_AND_LOST = """
   that restarts finds in its database that the last cycle was not acknowledged, and offers it again: state
   held, the same number, the same results. The acknowledgement is stored before the station is ready
   again.
-- **Safe state of the station**: no good `Command` for {command_ms} ms means that the communication is
-  lost. `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting is aborted; what
-  was prepared is forgotten. A cycle in another mode is finished, stored and held. When frames come again,
-  the first of each message only sets the counter, and a start that stands on the bus already is refused
-  with `start_stale`: the vehicle may be another one by then.
+- **Safe state of the station**: no good `Command` for {command_ms} ms means that the communication is lost.
+  `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting is aborted; what was
+  prepared is forgotten, as it is after {prepare_s:g} s in any case. A cycle in another mode is finished,
+  stored and held. When frames come again, the first of each message only sets the counter, and a start that
+  stands on the bus already is refused with `start_stale`: the vehicle may be another one by then.
 - **Safe state of the controller**: no good `Status` for {status_ms} ms. It withdraws its command and
   treats the vehicle as not measured until the station holds a result for it.
 - **Power lost at any moment**: before the commit nothing is stored and nothing was told, the vehicle is not
@@ -164,8 +164,11 @@ TOOLS = """
 The station's `[line]` table names interface, channel, bitrate and further options as python-can knows
 them: socketcan, pcan, vector, kvaser, ixxat, slcan, remote, … Without hardware, `truewheel line cable`
 joins two serial devices back to back; `interface = "slcan"` with `options = { sleep_after_open = 0.0 }`
-opens one end in each of two programs. An adapter that is unplugged, off the bus, or takes no frames is
-opened again until it answers.
+opens one end in each of two programs. An adapter that is unplugged, off the bus, or takes no frame for 2 s is
+opened again until it answers, after pauses that grow from 0.1 s to 5 s.
+
+With `line.log` the station writes all traffic to a file; ones that are full are put aside and the oldest are
+given up (`line.log_mb`, `line.log_files`), so that a restart erases nothing and the disk does not fill.
 
 | command | does |
 |---|---|

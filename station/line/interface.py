@@ -26,6 +26,7 @@ from typing import Self
 import can
 
 from alignment.errors import LineConnectionError, LineError
+from station.coalesced import Coalesced
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
 from station.line.handshake import Asked, Event, Handshake
@@ -108,6 +109,7 @@ class StationLine:
         self._blank = blank_frames(database)
         self._live: dict[str, tuple[LiveAngles, float]] = {}
         self._refusal, self._refused_sequence = LineErrorCode.NONE, 0
+        self._said = Coalesced[int](_LOG.log, clock)
         self._link_up = False
         self._heartbeat = self._alive_counter = self._faults = 0
         self._prepared_s = 0.0
@@ -132,6 +134,8 @@ class StationLine:
         """End the cyclic messages and stop listening; harmless when closed."""
         self._bus.unlisten(self.receive)
         self._cyclic.stop()
+        with self._lock:
+            self._said.flush()
 
     def __enter__(self) -> Self:
         return self.start()
@@ -325,11 +329,12 @@ class StationLine:
             self.tick()
 
     def _watch(self) -> None:
+        self._said.flush_due()
         now = self._clock()
         heard = self._link.heard_s("Command")
         if self._link_up and (heard is None or now - heard > self._timeout_s):
             self._link_up = False
-            _LOG.warning("controller lost: no good Command frame for %g s", self._timeout_s)
+            self._said.say(logging.WARNING, f"controller lost: no good Command for {self._timeout_s:g} s")
             self._link.forget()
             self._vin.clear()
             self._happened(Event.LINK_LOST)
@@ -423,7 +428,7 @@ class StationLine:
     def _receive_command(self, values: dict[str, Value]) -> None:
         if not self._link_up:
             self._link_up = True
-            _LOG.info("controller is heard")
+            self._said.say(logging.INFO, "controller is heard")
             # With the next cyclic ones its counters of all messages are in step.
             self._due.pop("VehicleResult", None)
             self._sent(self._results or self._blank)

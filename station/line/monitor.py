@@ -17,7 +17,8 @@ import can
 from can.io.blf import BLFParseError
 
 from alignment.errors import FormatError, InputError
-from station.line.bus import LOG_ENDINGS, LineBus, open_log
+from station.line.bus import LineBus
+from station.line.bus_log import LOG_ENDINGS, open_log
 from station.line.dbc import LineDatabase, Value
 from station.line.protection import Guard
 
