@@ -15,6 +15,7 @@
     │   └── LineTimeoutError(TimeoutError)
     ├── StoreError(RuntimeError)            the result database
     │   ├── StoreUnavailableError(ConnectionError)
+    │   ├── StoreDamagedError               a database that holds what no program stored
     │   └── StoreSchemaError                a database of another schema revision
     └── SeveralErrors(ExceptionGroup)       all failures of one step, reported together
 
@@ -131,6 +132,10 @@ class StoreError(TruewheelError, RuntimeError):
 
 class StoreUnavailableError(StoreError, ConnectionError):
     """The result database cannot be opened or was lost."""
+
+
+class StoreDamagedError(StoreError, ValueError):
+    """The result database is no database any more, or holds what no program can have stored."""
 
 
 class StoreSchemaError(StoreError):

@@ -23,6 +23,10 @@ from db.sums import update_sums
 
 _LOG = logging.getLogger("truewheel.store")
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 1.0, 60.0
+# An answer of the central database that takes longer is none, whatever comes of it.
+_NO_ANSWER_S = 5.0
+# Each call is bounded by the database's timeout; what still goes on then is left to the end of the program.
+_LONGEST_STOP_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -34,9 +38,11 @@ class StoreHealth:
     pending
         Records that wait to be shipped; None without a central database.
     shipped_utc
-        When the central database took records, or had none to take, last; None when it never did.
+        When the central database took records, or had none to take, last; None when it never did since the
+        start.
     central_error
-        Why it does not at present; None when it does.
+        Why it does not at present, and since when nothing was shipped; None when it does. A database that
+        gives no answer at all counts as away before the wait for it has ended.
     name_taken
         Whether that is because another station of the same name is running.
     free_bytes
@@ -45,6 +51,8 @@ class StoreHealth:
         Whether that is less than the configuration asks for.
     maintenance_error
         Why the sums are not kept up to date; answers get slower, not wrong.
+    failures
+        How often the work beside the cycles met what nobody foresaw; it goes on each time.
     """
 
     pending: int | None = None
@@ -54,6 +62,7 @@ class StoreHealth:
     free_bytes: int | None = None
     disk_nearly_full: bool = False
     maintenance_error: str | None = None
+    failures: int = 0
 
     @property
     def good(self) -> bool:
@@ -80,8 +89,12 @@ class BackgroundWork:
         Less room on the disk than this is nearly full.
     period_s
         Between two looks when nothing waits.
+    stop_s
+        Longest wait for the end of what is under way when it is told to stop.
     free_bytes
         Room on the disk of a folder.
+    now, clock
+        Aware UTC time, and monotonic seconds.
     """
 
     def __init__(
@@ -93,7 +106,10 @@ class BackgroundWork:
         *,
         minimum_free_bytes: int = 500_000_000,
         period_s: float = 5.0,
+        stop_s: float = _LONGEST_STOP_S,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._store, self._station, self._shipper = store, station, shipper
         parsed = parse_url(url)
@@ -102,16 +118,28 @@ class BackgroundWork:
         self._engine = make_engine(parsed, timeout_s=5.0)
         self._minimum_free_bytes = minimum_free_bytes
         self._period_s = period_s
+        self._stop_s = stop_s
         self._free_bytes = free_bytes
+        self._now, self._clock = now, clock
         self._health = StoreHealth()
+        self._started_utc = now()
+        self._asked_s: float | None = None
         self._retry_s = _FIRST_RETRY_S
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="store background")
+        # A daemon: what hangs in a system call must not keep the program from ending.
+        self._thread = threading.Thread(target=self._run, name="store background", daemon=True)
 
     @property
     def health(self) -> StoreHealth:
-        """The newest state."""
-        return self._health
+        """The newest state; never waits for the central database."""
+        health, asked_s = self._health, self._asked_s
+        if asked_s is None or health.central_error is not None or self._shipper is None:
+            return health
+        waited_s = self._clock() - asked_s
+        if waited_s < _NO_ANSWER_S:
+            return health
+        error = self._since(f"{self._shipper.central} has not answered for {waited_s:.0f} s")
+        return replace(health, pending=self._count_pending(), central_error=error)
 
     def __enter__(self) -> Self:
         if self._shipper is not None:
@@ -121,7 +149,11 @@ class BackgroundWork:
 
     def __exit__(self, *_: object) -> None:
         self._stopping.set()
-        self._thread.join()
+        self._thread.join(self._stop_s)
+        if self._thread.is_alive():
+            # Its connections are in use; they end with the program.
+            _LOG.error("work beside the cycles did not end within %g s and is left behind", self._stop_s)
+            return
         self._engine.dispose()
         if self._shipper is not None:
             self._shipper.close()
@@ -131,11 +163,17 @@ class BackgroundWork:
             try:
                 wait_s = self.step()
             except Exception as error:  # noqa: BLE001
-                # A mistake in the program must be seen, and must not end the shipping for good.
-                _LOG.exception("background work failed")
-                self._health = replace(self._health, maintenance_error=f"{type(error).__name__}: {error}")
-                wait_s = _LONGEST_RETRY_S
+                wait_s = self._failed(error)
             self._stopping.wait(wait_s)
+
+    def _failed(self, error: Exception) -> float:
+        # A mistake in the program must be seen, and must not end the shipping for good.
+        _LOG.error("work beside the cycles failed", exc_info=error)
+        text = f"{type(error).__name__}: {error}"
+        if self._health.maintenance_error != text:
+            self.note(Severity.ERROR, "background_failed", text)
+        self._health = replace(self._health, maintenance_error=text, failures=self._health.failures + 1)
+        return _LONGEST_RETRY_S
 
     def step(self) -> float:
         """Do all of it once; return after how many seconds to do it again."""
@@ -162,20 +200,23 @@ class BackgroundWork:
     def _ship(self) -> float:
         if self._shipper is None:
             return self._period_s
+        self._asked_s = self._clock()
         try:
             done = self._shipper.ship()
         except StoreError as error:
             taken = isinstance(error, StationTakenError)
             if self._health.central_error is None or taken != self._health.name_taken:
                 self.note(Severity.ERROR, "station_name_taken" if taken else "central_away", str(error))
-            pending = self._health.pending
-            try:
-                pending = self._shipper.pending()
-            except StoreError as own:
-                _LOG.error("the outbox cannot be read: %s", own)
-            self._health = replace(self._health, pending=pending, central_error=str(error), name_taken=taken)
+            self._health = replace(
+                self._health,
+                pending=self._count_pending(),
+                central_error=self._since(str(error)),
+                name_taken=taken,
+            )
             wait_s, self._retry_s = self._retry_s, min(2 * self._retry_s, _LONGEST_RETRY_S)
             return wait_s
+        finally:
+            self._asked_s = None
         self._retry_s = _FIRST_RETRY_S
         if done.renewed_origin:
             text = "this database is a copy of another; everything is shipped again under a new identity"
@@ -185,11 +226,24 @@ class BackgroundWork:
         self._health = replace(
             self._health,
             pending=done.pending,
-            shipped_utc=datetime.now(UTC),
+            shipped_utc=self._now(),
             central_error=None,
             name_taken=False,
         )
         return 0.0 if done.pending else self._period_s
+
+    def _count_pending(self) -> int | None:
+        assert self._shipper is not None
+        try:
+            return self._shipper.pending()
+        except StoreError as error:
+            _LOG.error("the outbox cannot be read: %s", error)
+            return self._health.pending
+
+    def _since(self, text: str) -> str:
+        last = self._health.shipped_utc
+        since = "since the start at" if last is None else "since"
+        return f"{text}. Nothing was shipped {since} {last or self._started_utc:%Y-%m-%d %H:%M:%S} UTC"
 
     def _maintain(self) -> None:
         engines = [self._engine]
@@ -212,9 +266,7 @@ class BackgroundWork:
 
     def note(self, severity: Severity, code: str, text: str) -> None:
         """Record an event of the station; a database that does not take it is logged."""
-        record = EventRecord(
-            datetime.now(UTC), self._station, severity, "station.store", code, text, time.monotonic()
-        )
+        record = EventRecord(self._now(), self._station, severity, "station.store", code, text, self._clock())
         try:
             self._store.record_event(record)
         except StoreError as error:

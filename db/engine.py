@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError
 
 from alignment.errors import ConfigurationError
+from db.files import WatchedConnection, companions, identity_of, replaced
+from db.server import bounded_connection
 
 _DRIVERS = {"sqlite": "sqlite+pysqlite", "postgresql": "postgresql+psycopg"}
 _SECRET_KEYS = ("password", "sslpassword")
@@ -38,13 +41,31 @@ def parse_url(url: str) -> URL:
         raise ConfigurationError(
             field="database URL", expected=expected, seen=f"a URL that begins with '{parsed.drivername}:'"
         )
-    if drivername == _DRIVERS["sqlite"] and parsed.database in (None, "", ":memory:"):
+    if drivername == _DRIVERS["sqlite"]:
+        _require_plain_file(parsed)
+    return parsed.set(drivername=drivername)
+
+
+def _require_plain_file(url: URL) -> None:
+    """Refuse what would not be a file on the disk, or one that SQLite opens without its own protection."""
+    database, seen, cure = url.database or "", None, None
+    if url.host:
+        seen, cure = "a name of a computer", f"Write three slashes: sqlite:///{url.host}"
+    elif not database.strip() or database == ":memory:":
+        seen, cure = "an SQLite database in memory", "Write sqlite:///results.db"
+    elif database.startswith("file:") or "\0" in database:
+        seen, cure = "a path that is no path of a file", "Write sqlite:///results.db, without 'file:'"
+    elif url.query:
+        # mode=memory, immutable, nolock, cache, vfs: each takes durability or the locks away.
+        names = ", ".join(sorted(url.query))
+        seen, cure = f"the parameters {names}", "Leave out what stands from the question mark on"
+    if seen is not None:
         raise ConfigurationError(
             field="database URL",
-            expected="a file, so that results survive the program",
-            seen="an SQLite database in memory",
+            expected="'sqlite:///FILE', a file so that results survive the program",
+            seen=seen,
+            cure=cure,
         )
-    return parsed.set(drivername=drivername)
 
 
 def describe(url: URL) -> str:
@@ -68,14 +89,18 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False, read_only: 
 
     Notes
     -----
+    No call waits without a bound: a server is given up by this side too, so one that is frozen, or a network
+    that swallows everything, is an error like others. A connection to a file that may be written is refused
+    as soon as the file at the path is another one.
+
     A connection with the execution option ``writes=True`` takes SQLite's write lock when its transaction
     begins, so that a busy database is found before anything is read.
     """
     if url.get_backend_name() == "sqlite":
         mode = "ro" if read_only else "rwc" if create else "rw"
-        creator = _sqlite_creator(Path(url.database or ""), timeout_s, mode)
+        creator = _SqliteCreator(Path(url.database or ""), timeout_s, mode, describe(url))
         engine = create_engine(url, creator=creator, pool_timeout=timeout_s)
-        event.listen(engine, "begin", _begin_sqlite)
+        event.listen(engine, "begin", partial(_begin_sqlite, where=describe(url)))
         return engine
     milliseconds = math.ceil(timeout_s * 1000)
     settings = {
@@ -97,7 +122,7 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False, read_only: 
     given = url.query.get("options", "")
     options = [given if isinstance(given, str) else " ".join(given)]
     options += [f"-c {name}={value}" for name, value in settings.items()]
-    return create_engine(
+    engine = create_engine(
         url,
         # A server that was restarted leaves dead connections in the pool.
         pool_pre_ping=True,
@@ -107,22 +132,42 @@ def make_engine(url: URL, *, timeout_s: float, create: bool = False, read_only: 
             "connect_timeout": max(2, math.ceil(timeout_s)),
             "tcp_user_timeout": milliseconds,
             "application_name": "truewheel",
+            "client_encoding": "UTF8",
             "options": " ".join(options).strip(),
         },
     )
+    # Longer than the server's own bound, whose message says more.
+    bound_s = 2.0 * timeout_s + 2.0
+    event.listen(engine, "do_connect", partial(_connect_server, where=describe(url), bound_s=bound_s))
+    return engine
 
 
-def _sqlite_creator(path: Path, timeout_s: float, mode: str) -> Callable[[], sqlite3.Connection]:
-    # Without mode=rw SQLite would replace a file that was moved away by an empty one.
-    uri = f"file:{quote(str(path))}?mode={mode}"
+def _connect_server(
+    dialect: object, record: object, arguments: Any, parameters: Any, *, where: str, bound_s: float
+) -> Any:
+    return bounded_connection(where, bound_s, *arguments, **parameters)
 
-    def connect() -> sqlite3.Connection:
+
+class _SqliteCreator:
+    """Opens a file; never another one than the first time."""
+
+    def __init__(self, path: Path, timeout_s: float, mode: str, where: str) -> None:
+        self._path, self._timeout_s, self._mode, self._where = path, timeout_s, mode, where
+        self._first: tuple[int, int] | None = None
+
+    def __call__(self) -> sqlite3.Connection:
+        # Without mode=rw SQLite would replace a file that was moved away by an empty one.
+        mode = "rw" if self._mode == "rwc" and self._first is not None else self._mode
+        before = identity_of(self._path)
         connection = sqlite3.connect(
-            uri, uri=True, timeout=timeout_s, isolation_level=None, check_same_thread=False
-        )
-        # SQLite has no variance of its own; see db.partial_sums.
-        connection.create_aggregate("squared_deviations", 1, _SquaredDeviations)  # type: ignore[arg-type]
+            f"file:{quote(str(self._path))}?mode={mode}",
+            uri=True, timeout=self._timeout_s, isolation_level=None, check_same_thread=False,
+            factory=WatchedConnection,
+        )  # fmt: skip
         try:
+            connection.opened = {}
+            # SQLite has no variance of its own; see db.partial_sums.
+            connection.create_aggregate("squared_deviations", 1, _SquaredDeviations)  # type: ignore[arg-type]
             if mode == "ro":
                 connection.execute("PRAGMA query_only=ON")
                 # What one question reads; the operating system keeps the rest.
@@ -132,12 +177,26 @@ def _sqlite_creator(path: Path, timeout_s: float, mode: str) -> Callable[[], sql
             connection.execute("PRAGMA journal_mode=WAL")
             connection.execute("PRAGMA synchronous=FULL")
             connection.execute("PRAGMA foreign_keys=ON")
-        except sqlite3.Error:
+            self._note_files(connection, before)
+        except BaseException:
             connection.close()
             raise
         return connection
 
-    return connect
+    def _note_files(self, connection: WatchedConnection, before: tuple[int, int] | None) -> None:
+        # Opens the companions, should they not be open yet.
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        now = identity_of(self._path)
+        expected = self._first or before or now
+        if now is None or now != expected:
+            raise replaced(self._where, self._path, gone=now is None)
+        self._first = now
+        connection.opened = {self._path: now}
+        for path in companions(self._path):
+            found = identity_of(path)
+            if found is None:
+                raise replaced(self._where, path, gone=True)
+            connection.opened[path] = found
 
 
 class _SquaredDeviations:
@@ -158,6 +217,20 @@ class _SquaredDeviations:
         return self._m2
 
 
-def _begin_sqlite(connection: Connection) -> None:
+def _begin_sqlite(connection: Connection, *, where: str) -> None:
+    look_at_files(connection, where)
     writes = connection.get_execution_options().get("writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def look_at_files(connection: Connection, where: str) -> None:
+    """Refuse to go on when the file at the path is not the one that is open; a server has none.
+
+    Raises
+    ------
+    StoreUnavailableError
+        When it was deleted, moved or replaced, or one of its companions.
+    """
+    driver = connection.connection.driver_connection
+    if isinstance(driver, WatchedConnection):
+        driver.look(where)

@@ -6,9 +6,9 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError, StatementError
 
-from alignment.errors import StoreError, StoreUnavailableError
+from alignment.errors import StoreDamagedError, StoreError, StoreUnavailableError, TruewheelError
 
 _Sentence = tuple[type[StoreError], str]
 
@@ -29,9 +29,12 @@ _SQLITE: dict[int, _Sentence] = {
         StoreUnavailableError,
         "cannot be opened. Check that the folder exists and that this user may write in it",
     ),
-    sqlite3.SQLITE_NOTADB: (StoreError, "is not an SQLite database. Name another file in the database URL"),
+    sqlite3.SQLITE_NOTADB: (
+        StoreDamagedError,
+        "is not an SQLite database. Name another file in the database URL",
+    ),
     sqlite3.SQLITE_CORRUPT: (
-        StoreError,
+        StoreDamagedError,
         "is damaged. Keep a copy of the file and its -wal file, then restore the last backup",
     ),
     sqlite3.SQLITE_IOERR: (
@@ -55,13 +58,16 @@ _POSTGRESQL: dict[str, _Sentence] = {
     "57014": (StoreUnavailableError, "did not answer in time. Check the load of the server"),
     "57P": (StoreUnavailableError, "shut its connection down. Start the server again"),
     "58": (StoreError, "reports a disk error. Check the server's disk"),
-    "XX": (StoreError, "reports damaged data. Check the server's log, then restore the last backup"),
+    "XX": (StoreDamagedError, "reports damaged data. Check the server's log, then restore the last backup"),
 }
 
 
 @contextmanager
 def store_errors(where: str) -> Iterator[None]:
-    """Turn every error of SQLAlchemy and its drivers into a `StoreError` that names the database.
+    """Turn every error on the way to a database and back into a `StoreError` that names the database.
+
+    Errors of the product pass as they are. What else comes from reading a row (text that is no time, a number
+    that is text, bytes that are no letters) is damage: no program has stored it.
 
     Parameters
     ----------
@@ -74,14 +80,38 @@ def store_errors(where: str) -> Iterator[None]:
         kind, sentence = _explain(error)
         raise kind(f"database {where} {sentence} ({_detail(error)})") from error
     except SQLAlchemyError as error:
+        if _unreadable(error):
+            raise damaged(where, error) from error
         # A pool that gave no connection in time, for one.
         raise StoreUnavailableError(f"database {where} cannot be used ({error})") from error
+    except TruewheelError:
+        raise
+    except OSError as error:
+        raise StoreUnavailableError(f"database {where} cannot be used ({error})") from error
+    except Exception as error:
+        raise damaged(where, error) from error
+
+
+def damaged(where: str, error: Exception) -> StoreDamagedError:
+    """The error for a row that cannot be read as what it must be."""
+    detail = " ".join(str(error).split()).rstrip(".")
+    return StoreDamagedError(
+        f"database {where} holds what no program stored ({type(error).__name__}: {detail}). Run `truewheel db"
+        " check --all`, keep a copy of the file, then restore the last backup"
+    )
+
+
+def _unreadable(error: SQLAlchemyError) -> bool:
+    # SQLAlchemy wraps what a type of its own could not convert.
+    return isinstance(error, StatementError) and not isinstance(error.orig, SQLAlchemyError)
 
 
 def _explain(error: DBAPIError) -> _Sentence:
     original = error.orig
     if isinstance(original, sqlite3.Error):
         code = getattr(original, "sqlite_errorcode", 0)
+        if "Could not decode" in str(original):
+            return _SQLITE[sqlite3.SQLITE_CORRUPT]
         if code == sqlite3.SQLITE_CONSTRAINT_FOREIGNKEY:
             return _FOREIGN_KEY
         if code & 0xFF == sqlite3.SQLITE_CONSTRAINT:

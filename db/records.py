@@ -15,17 +15,16 @@ from __future__ import annotations
 import enum
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from datetime import datetime
-from types import NoneType
-from typing import Any
+from functools import cache
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle.axles import ThrustSign
-
-_PLAIN_TYPES = (str, int, float, datetime, UUID, NoneType)
 
 
 class CycleOutcome(enum.StrEnum):
@@ -83,9 +82,15 @@ def check_text(name: str, text: str) -> None:
 
 def check_values(record: Any) -> None:
     """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
+    allowed = _allowed(type(record))
     for item in fields(record):
         value = getattr(record, item.name)
         name = f"{type(record).__name__}.{item.name}"
+        if not isinstance(value, allowed[item.name]) or (
+            isinstance(value, bool) and bool not in allowed[item.name]
+        ):
+            # A numpy integer would reach SQLite as a blob; and SQLite keeps text in a column of numbers.
+            raise InputError(field=name, expected="a plain Python value", seen=type(value).__name__)
         if isinstance(value, str):
             check_text(name, value)
         elif isinstance(value, float):
@@ -95,16 +100,28 @@ def check_values(record: Any) -> None:
         elif isinstance(value, int):
             if not -(2**63) <= value < 2**63:
                 raise InputError(field=name, expected="a whole number of 64 bits", seen=str(value))
-        elif isinstance(value, datetime):
-            if value.utcoffset() is None:
-                raise InputError(field=name, expected="a time with its time zone", seen=str(value))
-        elif not (isinstance(value, _PLAIN_TYPES) or _is_container(value)):
-            # A numpy integer would reach SQLite as a blob.
-            raise InputError(field=name, expected="a plain Python value", seen=type(value).__name__)
+        elif isinstance(value, datetime) and value.utcoffset() is None:
+            raise InputError(field=name, expected="a time with its time zone", seen=str(value))
 
 
-def _is_container(value: object) -> bool:
-    return isinstance(value, (tuple, Mapping)) or is_dataclass(value)
+@cache
+def _allowed(record: type) -> dict[str, tuple[type, ...]]:
+    """The plain types of each field: SQLite keeps whatever it is given, and gives it back."""
+    return {name: tuple(_plain_types(hint)) for name, hint in get_type_hints(record).items()}
+
+
+def _plain_types(hint: Any) -> Iterator[type]:
+    origin = get_origin(hint)
+    if origin in (Union, UnionType):
+        for part in get_args(hint):
+            yield from _plain_types(part)
+    elif origin is Literal or (isinstance(hint, type) and issubclass(hint, str)):
+        # Text of an enumeration may come as plain text.
+        yield str
+    elif hint is float:
+        yield from (float, int)
+    else:
+        yield origin or hint
 
 
 def as_read_back(name: str, document: Mapping[str, Any]) -> Any:

@@ -10,6 +10,7 @@ from uuid import UUID
 
 from sqlalchemy import Connection, RowMapping, Select, Table, select
 
+from alignment.errors import InputError
 from db.quality_records import (
     ArchivedShotRecord,
     ArchiveRemoval,
@@ -112,9 +113,18 @@ def flat_values(record: Any) -> dict[str, Any]:
 
 
 def record_of(kind: type[_Record], row: RowMapping, **nested: Any) -> _Record:
-    """The record that a row holds; `nested` gives what is in other tables."""
+    """The record that a row holds; `nested` gives what is in other tables.
+
+    Raises
+    ------
+    ValueError
+        When the row holds what no record can; `db.failures.store_errors` calls it damage.
+    """
     names = [item.name for item in fields(kind) if item.name not in nested and item.name in row]
-    return kind(**{name: row[name] for name in names}, **nested)
+    try:
+        return kind(**{name: row[name] for name in names}, **nested)
+    except InputError as error:
+        raise ValueError(str(error)) from error
 
 
 def read_zeros(connection: Connection, query: Select[Any]) -> tuple[StoredZero, ...]:

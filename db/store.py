@@ -12,7 +12,7 @@ from uuid import UUID
 from sqlalchemy import Connection, Engine, false, func, select
 
 from alignment.errors import StoreError
-from db.engine import describe, make_engine, parse_url
+from db.engine import describe, look_at_files, make_engine, parse_url
 from db.failures import store_errors
 from db.migrate import check_revision, require_file, revision_of, upgrade
 from db.plant import changed
@@ -337,6 +337,9 @@ class ResultStore:
         with (
             store_errors(self._where),
             self._engine.connect().execution_options(writes=writes) as connection,
-            connection.begin(),
         ):
-            yield connection
+            with connection.begin():
+                yield connection
+            if writes:
+                # Who is told that it is stored must find it at the path.
+                look_at_files(connection, self._where)

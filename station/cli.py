@@ -10,7 +10,14 @@ from typing import Annotated
 
 import typer
 
-from alignment.errors import ConfigurationError, InputError, SeveralErrors, StoreSchemaError, TruewheelError
+from alignment.errors import (
+    ConfigurationError,
+    InputError,
+    SeveralErrors,
+    StoreDamagedError,
+    StoreSchemaError,
+    TruewheelError,
+)
 from station.commands import wheel
 from station.commands.bench import bench
 from station.commands.calibrate import calibrate
@@ -96,7 +103,9 @@ def exit_status(error: TruewheelError) -> int:
     if isinstance(error, SeveralErrors):
         parts = [part for part in error.exceptions if isinstance(part, TruewheelError)]
         return max(map(exit_status, parts), default=STATION_FAULT)
-    return BAD_INPUT if isinstance(error, InputError | StoreSchemaError) else STATION_FAULT
+    return (
+        BAD_INPUT if isinstance(error, InputError | StoreSchemaError | StoreDamagedError) else STATION_FAULT
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:

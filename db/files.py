@@ -1,0 +1,61 @@
+"""Whether an SQLite file at its path is still the one that a connection reads and writes.
+
+A file that is deleted, moved or replaced stays open: SQLite goes on in what nobody will find again. So a
+connection notes at its beginning which files it opened (device and inode), and whoever relies on a commit
+compares them with what is at the path. The companions count too: what was committed is in the ``-wal`` file
+first, and without a common ``-shm`` file two programs do not see each other.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from alignment.errors import StoreUnavailableError
+
+_Identity = tuple[int, int]
+
+
+class WatchedConnection(sqlite3.Connection):
+    """A connection that knows which files it has open."""
+
+    opened: dict[Path, _Identity]
+
+    def look(self, where: str) -> None:
+        """Compare the files at their paths with those that are open.
+
+        Raises
+        ------
+        StoreUnavailableError
+            When one is gone or another.
+        """
+        for path, identity in self.opened.items():
+            seen = identity_of(path)
+            if seen != identity:
+                raise replaced(where, path, gone=seen is None)
+
+
+def identity_of(path: Path) -> _Identity | None:
+    """Device and inode of what is at a path; None where nothing is or can be seen."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def companions(path: Path) -> Iterator[Path]:
+    """The files that SQLite keeps beside a database; beside the file itself where the path is a link."""
+    real = path.resolve()
+    for suffix in ("-wal", "-shm"):
+        yield real.with_name(real.name + suffix)
+
+
+def replaced(where: str, path: Path, *, gone: bool) -> StoreUnavailableError:
+    """The refusal to go on without the files that were opened."""
+    what = "was deleted or moved away" if gone else "was replaced by another file"
+    return StoreUnavailableError(
+        f"database {where}: {path} {what} while it was in use, so what is stored would be lost. Put the file"
+        " back as it was, or stop all programs that use the database and start them again"
+    )
