@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import UUID
 
-from sqlalchemy import Connection, RowMapping, Select, Table, select
+from sqlalchemy import Connection, RowMapping, Select, Table, Uuid, select
 
 from alignment.errors import InputError
 from db.quality_records import (
@@ -200,6 +200,8 @@ KINDS: dict[str, type] = {
 KIND_OF = {record: name for name, record in KINDS.items()}
 _KEYS = {"calibration": "id", "zero": "id", "revocation": "zero_id", "removal": "shot"}
 _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
+    "cycle": (CYCLES, cycles.c.uuid),
+    "station": (STATIONS, station_versions.c.uuid),
     "limits": (LIMITS, vehicle_type_limits.c.uuid),
     "calibration": (select(calibrations), calibrations.c.id),
     "installation": (INSTALLATIONS, installations.c.uuid),
@@ -212,6 +214,12 @@ _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "shot": (SHOTS, archived_shots.c.uuid),
     "removal": (REMOVALS, archived_shots.c.uuid),
 }
+
+
+def query_of(kind: str) -> tuple[Select[Any], Any, bool]:
+    """The query of the own rows of a kind, the column that is their key, and whether that is a UUID."""
+    query, column = _SIMPLE[kind]
+    return query, column, isinstance(column.type, Uuid)
 
 
 def key_of(record: Any) -> str:
@@ -232,8 +240,7 @@ def load_records(connection: Connection, kind: str, keys: Sequence[str]) -> dict
             query = STATIONS.where(station_versions.c.uuid.in_(map(UUID, portion)))
             found += read_stations(connection, query)
         else:
-            query, column = _SIMPLE[kind]
-            by_uuid = isinstance(column.type, type(cycles.c.uuid.type))
+            query, column, by_uuid = query_of(kind)
             wanted: Iterable[Any] = map(UUID, portion) if by_uuid else portion
             rows = connection.execute(query.where(column.in_(wanted))).mappings()
             found += [record_of(KINDS[kind], row) for row in rows]

@@ -216,7 +216,7 @@ class Shipper:
                     for _, record in group:
                         write_record(central, record, now)
         except StoreError as error:
-            raise StoreError(f"database {self.central} {error}") from error
+            raise type(error)(f"database {self.central} {error}") from error
         if entries:
             common = {"origin": origin, "station": self._station, "arrived_utc": now}
             rows = [{"sequence": e.sequence, "kind": e.kind, "key": e.key} | common for e in entries]

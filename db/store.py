@@ -12,6 +12,7 @@ from uuid import UUID
 from sqlalchemy import Connection, Engine, false, func, select
 
 from alignment.errors import StoreError
+from db.chain import Head
 from db.engine import describe, look_at_files, make_engine, parse_url
 from db.failures import store_errors
 from db.migrate import check_revision, require_file, revision_of, upgrade
@@ -99,6 +100,8 @@ class ResultStore:
         self._timeout_s = timeout_s
         self._now = now
         self._engine: Engine | None = None
+        # Ends of the chains as this program wrote them: a database that comes back without is another one.
+        self._ends: dict[str, Head] = {}
 
     def open(self) -> None:
         """Connect and check the schema revision; the error's text holds the command that cures it."""
@@ -232,7 +235,7 @@ class ResultStore:
         try:
             added = [record for record in records if write_record(connection, record, self._now())]
         except StoreError as error:
-            raise StoreError(f"database {self._where} {error}") from error
+            raise type(error)(f"database {self._where} {error}") from error
         if added and connection.dialect.name == "sqlite":
             rows = [{"kind": KIND_OF[type(record)], "key": key_of(record)} for record in added]
             connection.execute(outbox.insert(), rows)
@@ -334,12 +337,12 @@ class ResultStore:
     def _transaction(self, writes: bool = False) -> Iterator[Connection]:
         if self._engine is None:
             raise StoreError(f"database {self._where} is not open. Open the store first")
-        with (
-            store_errors(self._where),
-            self._engine.connect().execution_options(writes=writes) as connection,
-        ):
+        written: dict[str, Head] = {}
+        options = {"writes": writes, "chain_known": self._ends, "chain_written": written}
+        with store_errors(self._where), self._engine.connect().execution_options(**options) as connection:
             with connection.begin():
                 yield connection
             if writes:
                 # Who is told that it is stored must find it at the path.
                 look_at_files(connection, self._where)
+                self._ends.update(written)

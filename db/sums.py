@@ -227,7 +227,9 @@ def _settled(connection: Connection) -> bool:
 
 
 def _add(connection: Connection, new: Selection) -> None:
-    named = select(cycles.c.station).where(*new.of_cycles).distinct()
+    # Looked up first: SQLite refuses what is there already before it could be left alone.
+    known = select(stations.c.id).where(stations.c.name == cycles.c.station).exists()
+    named = select(cycles.c.station).where(*new.of_cycles, ~known).distinct()
     insert = _insert(connection)
     connection.execute(insert(stations).from_select(["name"], named).on_conflict_do_nothing())
     values = union_all(*raw_values(new)).subquery("raw")

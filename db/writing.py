@@ -10,9 +10,10 @@ from typing import Any
 from uuid import UUID
 
 from sqlalchemy import JSON, Connection, Insert, Table, Text, bindparam, cast, column, func, select, tuple_
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import postgresql
 
 from alignment.errors import StoreError
+from db.chain import new_links
 from db.quality_records import (
     ArchivedShotRecord,
     ArchiveRemoval,
@@ -38,6 +39,7 @@ from db.schema import (
     axle_results,
     calibration_checks,
     calibrations,
+    chain_links,
     cycles,
     events,
     gauge_studies,
@@ -82,6 +84,8 @@ def write_record(connection: Connection, record: Any, stored_utc: datetime) -> b
     if "stored_utc" in table.c:
         values["stored_utc"] = stored_utc
     if insert_once(connection, table, key, values) is not None:
+        links = new_links(connection, [(record, values.get("stored_utc"))])
+        insert_rows(connection, {chain_links: links})
         return True
     kind = KIND_OF[type(record)]
     stored = load_records(connection, kind, [key_of(record)]).get(key_of(record))
@@ -104,18 +108,23 @@ def write_cycles(
     for record in records:
         vehicle_id = None if record.vehicle is None else vehicle_ids[record.vehicle]
         rows.append(flat_values(record) | {"stored_utc": stored_utc, "vehicle_id": vehicle_id})
-    statement = _insert(connection, cycles).on_conflict_do_nothing(index_elements=["uuid"])
+    statement = _insert_new(connection, cycles, ["uuid"])
     returning = statement.returning(cycles.c.uuid, cycles.c.id, sort_by_parameter_order=False)
     added: dict[UUID, int] = {}
     for start in range(0, len(rows), PORTION):
-        portion = rows[start : start + PORTION]
-        added |= {row.uuid: row.id for row in connection.execute(returning, portion)}
+        portion = _missing(connection, cycles, "uuid", rows[start : start + PORTION])
+        if portion:
+            added |= {row.uuid: row.id for row in connection.execute(returning, portion)}
     parts: dict[Table, list[dict[str, Any]]] = {wheel_results: [], axle_results: [], vehicle_results: []}
+    once: dict[UUID, CycleRecord] = {}
     for record in records:
-        if record.uuid not in added:
+        known = once.setdefault(record.uuid, record) if record.uuid in added else None
+        if known is None:
             (stored,) = read_cycles(connection, CYCLES.where(cycles.c.uuid == record.uuid))
-            _require_same("cycle", record, stored.record == record)
-            continue
+            known = stored.record
+        _require_same("cycle", record, known == record)
+    parts[chain_links] = new_links(connection, [(record, stored_utc) for record in once.values()])
+    for record in once.values():
         angles = () if record.vehicle_angles is None else (record.vehicle_angles,)
         results: tuple[tuple[Table, Sequence[Any]], ...] = (
             (wheel_results, record.wheels),
@@ -167,7 +176,9 @@ def insert_once(connection: Connection, table: Table, key: str, values: dict[str
 
     The database decides, so two writers of one record cannot both believe that they were first.
     """
-    statement = _insert(connection, table).values(**values).on_conflict_do_nothing(index_elements=[key])
+    if not _missing(connection, table, key, [values]):
+        return None
+    statement = _insert_new(connection, table, [key]).values(**values)
     return connection.execute(statement.returning(*table.primary_key)).scalar_one_or_none()
 
 
@@ -179,34 +190,59 @@ def row_id(connection: Connection, table: Table, **values: Any) -> int:
     known: int | None = connection.execute(query).scalar_one_or_none()
     if known is not None:
         return known
-    connection.execute(_insert(connection, table).values(**values).on_conflict_do_nothing())
+    connection.execute(_insert_new(connection, table).values(**values))
     added: int = connection.execute(query).scalar_one()
     return added
 
 
-def _insert(connection: Connection, table: Table) -> Any:
-    insert: Callable[[Table], Insert] = (
-        postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    )
-    return insert(table)
+def _insert_new(connection: Connection, table: Table, keys: Sequence[str] | None = None) -> Any:
+    """INSERT that leaves alone what is there already.
+
+    On SQLite a trigger refuses that before the statement could leave it alone: callers ask first, and their
+    transaction is the only one that writes.
+    """
+    if connection.dialect.name == "sqlite":
+        return table.insert()
+    return postgresql.insert(table).on_conflict_do_nothing(index_elements=keys)
+
+
+def _missing(
+    connection: Connection, table: Table, key: str, rows: Sequence[dict[str, Any]]
+) -> Sequence[dict[str, Any]]:
+    """The rows of which none of the same key is stored, each key once; all of them on a server."""
+    if connection.dialect.name != "sqlite":
+        return rows
+    column = table.c[key]
+    given = {row[key]: row for row in reversed(rows)}
+    known = set(connection.execute(select(column).where(column.in_(given))).scalars())
+    return [row for name, row in reversed(given.items()) if name not in known]
 
 
 def _vehicle_ids(connection: Connection, wanted: Sequence[VehicleRecord]) -> dict[VehicleRecord, int]:
     # In one order for all writers, or two of them could wait for each other.
     missing = sorted(set(wanted), key=lambda vehicle: (vehicle.vin, vehicle.vehicle_type))
     columns = (vehicles.c.id, vehicles.c.vin, vehicles.c.vehicle_type)
-    # Nearly every vehicle comes once, so it is tried to be new first.
-    insert = _insert(connection, vehicles).on_conflict_do_nothing().returning(*columns)
+    insert = _insert_new(connection, vehicles).returning(*columns)
     found: dict[VehicleRecord, int] = {}
-    for start in range(0, len(missing), PORTION):
-        rows = [flat_values(vehicle) for vehicle in missing[start : start + PORTION]]
-        added = connection.execute(insert, rows)
-        found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in added}
-    known = [vehicle for vehicle in missing if vehicle not in found]
-    for start in range(0, len(known), PORTION):
-        names = [(vehicle.vin, vehicle.vehicle_type) for vehicle in known[start : start + PORTION]]
-        query = select(*columns).where(tuple_(vehicles.c.vin, vehicles.c.vehicle_type).in_(names))
-        found |= {VehicleRecord(row.vin, row.vehicle_type): row.id for row in connection.execute(query)}
+
+    def add() -> None:
+        new = [vehicle for vehicle in missing if vehicle not in found]
+        for start in range(0, len(new), PORTION):
+            rows = [flat_values(vehicle) for vehicle in new[start : start + PORTION]]
+            for row in connection.execute(insert, rows):
+                found[VehicleRecord(row.vin, row.vehicle_type)] = row.id
+
+    def look_up() -> None:
+        known = [vehicle for vehicle in missing if vehicle not in found]
+        for start in range(0, len(known), PORTION):
+            names = [(vehicle.vin, vehicle.vehicle_type) for vehicle in known[start : start + PORTION]]
+            query = select(*columns).where(tuple_(vehicles.c.vin, vehicles.c.vehicle_type).in_(names))
+            for row in connection.execute(query):
+                found[VehicleRecord(row.vin, row.vehicle_type)] = row.id
+
+    # Nearly every vehicle comes once, so a server is told that it is new first.
+    for step in (look_up, add) if connection.dialect.name == "sqlite" else (add, look_up):
+        step()
     return found
 
 

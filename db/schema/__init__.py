@@ -7,6 +7,7 @@ the tables of `CHANGING` are kept up to date instead.
 """
 
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
+from db.schema.chain import chain_links
 from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
 from db.schema.quality import archive_removals, archived_shots, gauge_studies, gauge_values
 from db.schema.results import (
@@ -42,7 +43,7 @@ CHANGING = (
 )
 
 # Holds nothing that is not in a table of records.
-BOOKKEEPING = (*CHANGING, outbox, arrivals)
+BOOKKEEPING = (*CHANGING, outbox, arrivals, chain_links)
 
 __all__ = [
     "BOOKKEEPING",
@@ -55,6 +56,7 @@ __all__ = [
     "axle_results",
     "calibration_checks",
     "calibrations",
+    "chain_links",
     "counted_categories",
     "cycles",
     "events",

@@ -48,6 +48,8 @@ station_versions = Table(
     Index(None, "station_id", "config_hash", "valid_from_utc"),
     # Serves "the stations of a plant".
     Index(None, "plant_id"),
+    # Serves what a station said last of itself, asked for at every start.
+    Index(None, "station_id", "id"),
 )
 
 rigs = Table(
@@ -74,6 +76,8 @@ installations = Table(
     UniqueConstraint("uuid"),
     # Serves "the calibration that this rig used then".
     Index(None, "rig_id", "from_utc"),
+    # Serves the newest of a rig, asked for at every start.
+    Index(None, "rig_id", "id"),
     # Serves "which station and rig does this check speak of".
     Index(None, "calibration_id"),
 )
@@ -95,4 +99,6 @@ vehicle_type_limits = Table(
     check("vehicle_type_not_empty", "vehicle_type <> ''"),
     # Serves "the limits of a type at a time".
     Index(None, "station_id", "vehicle_type", "valid_from_utc"),
+    # Serves the newest of a type, asked for at every start.
+    Index(None, "station_id", "vehicle_type", "id"),
 )

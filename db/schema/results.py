@@ -163,6 +163,8 @@ cycles = Table(
     Index(None, "vehicle_id"),
     # Serves reports of one station over a period.
     Index(None, "station", "received_utc"),
+    # Serves the last cycle of one station, asked for at every start.
+    Index(None, "station", "id"),
 )
 
 wheel_results = Table(
@@ -294,4 +296,6 @@ events = Table(
     check("code_not_empty", "code <> ''"),
     # Serves the events of one station over a period, beside its results.
     Index(None, "station", "utc"),
+    # Serves the last events of one kind of a station, asked for at every start.
+    Index(None, "station", "code", "id"),
 )

@@ -1,0 +1,257 @@
+"""Holds every stored row against the chain of hashes: what was changed, taken out or put in is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+from uuid import UUID
+
+from sqlalchemy import Connection, Row, String, Table, cast, func, select
+
+from db.chain import (
+    NOTHING_BEFORE,
+    PARTS,
+    START,
+    Head,
+    content_names,
+    digest,
+    link_hash,
+    row_name,
+    rows_text,
+)
+from db.rows import KINDS, query_of
+from db.schema import (
+    archive_removals,
+    archived_shots,
+    chain_links,
+    metadata,
+)
+
+_PORTION = 500
+# Findings of one kind that are told one by one.
+_MOST = 20
+_UNREADABLE = "unreadable"
+# The table of each kind's own row.
+TABLES = {
+    "station": "station_versions",
+    "limits": "vehicle_type_limits",
+    "calibration": "calibrations",
+    "installation": "installations",
+    "check": "calibration_checks",
+    "zero": "zero_measurements",
+    "revocation": "zero_revocations",
+    "event": "events",
+    "cycle": "cycles",
+    "study": "gauge_studies",
+    "study_value": "gauge_values",
+    "shot": "archived_shots",
+    "removal": "archive_removals",
+}
+
+
+@dataclass(frozen=True)
+class ChainReport:
+    """What the chains say.
+
+    Attributes
+    ----------
+    heads
+        End of each chain by its name: whoever keeps them elsewhere can prove later that nothing before them
+        was written anew.
+    links
+        How many there are.
+    findings
+        Sentences; empty when every row is as it was stored.
+    """
+
+    heads: Mapping[str, Head]
+    links: int
+    findings: tuple[str, ...]
+
+
+def check_chains(connection: Connection) -> ChainReport:
+    """Hash every stored row again and compare it with its link, and each link with the one before."""
+    heads: dict[str, Head] = {}
+    findings: list[str] = []
+    links = 0
+    names = connection.execute(select(chain_links.c.chain).distinct().order_by(chain_links.c.chain)).scalars()
+    for chain in names.all():
+        end = Head(0, NOTHING_BEFORE)
+        for portion in _portions(connection, chain):
+            links += len(portion)
+            for link in portion:
+                findings += _place(link, end)
+                end = Head(link.number, link.hash)
+            findings += _contents(connection, portion)
+        heads[str(chain)] = end
+    findings += _beside(connection)
+    return ChainReport(heads, links, tuple(_shortened(findings)))
+
+
+def _portions(connection: Connection, chain: str) -> Iterator[Sequence[Row[Any]]]:
+    last = -(2**63)
+    query = select(chain_links).where(chain_links.c.chain == chain).order_by(chain_links.c.number)
+    while portion := connection.execute(query.where(chain_links.c.number > last).limit(_PORTION)).all():
+        yield portion
+        last = portion[-1].number
+
+
+def _place(link: Row[Any], end: Head) -> Iterator[str]:
+    """What is wrong with a link itself, behind the end of the chain before it."""
+    name = f"chain_links, link {link.number} of {_whose(link.chain)}"
+    if link.number != end.number + 1:
+        yield f"{name}: {link.number - end.number - 1} links before it are missing: records were removed"
+    elif link.previous != end.hash:
+        yield f"{name} does not continue link {end.number}: one of them was altered or put in"
+    if link.hash != link_hash(link.previous, link.chain, link.number, link.kind, link.key, link.rows):
+        yield f"{name} ({link.kind} {link.key}) was altered"
+
+
+def _whose(chain: str) -> str:
+    return f"station '{chain}'" if chain else "no station"
+
+
+def _contents(connection: Connection, portion: Sequence[Row[Any]]) -> Iterator[str]:
+    """Compare the records of links with what is stored."""
+    by_kind = sorted((link for link in portion if link.kind != START), key=lambda link: str(link.kind))
+    for kind, group in groupby(by_kind, key=lambda link: link.kind):
+        links = list(group)
+        if kind not in KINDS:
+            for link in links:
+                yield f"chain_links, link {link.number} of {_whose(link.chain)}: no record is a '{kind}'"
+            continue
+        stored = _stored(connection, kind, [link.key for link in links])
+        for link in links:
+            yield from _differences(link, stored.get(link.key))
+
+
+def _differences(link: Row[Any], found: tuple[Any, dict[str, str]] | None) -> Iterator[str]:
+    own = TABLES[link.kind]
+    of = f"{link.kind} {_shown(link.key)} of {_whose(link.chain)}"
+    if found is None:
+        yield f"{own}: {of} was removed"
+        return
+    identity, digests = found
+    name = f"{of} (row {identity})" if identity is not None else of
+    if _UNREADABLE in digests:
+        yield f"{own}: {name} was altered: {digests[_UNREADABLE]}"
+        return
+    if rows_text(digests) == link.rows:
+        return
+    try:
+        expected = dict(json.loads(link.rows))
+    except (ValueError, TypeError):
+        # Told already: the link does not have its hash.
+        return
+    for row in sorted({*expected, *digests}):
+        if expected.get(row) == digests.get(row):
+            continue
+        what = "was removed" if row not in digests else "was put in" if row not in expected else "was altered"
+        table, _, part = row.partition("/")
+        if table in PARTS:
+            yield f"{table}: {f'{part} of ' if part else ''}{name} {what}"
+        else:
+            yield f"{own}: {name} {what}"
+
+
+def _shown(key: str) -> str:
+    try:
+        return str(UUID(key))
+    except (ValueError, AttributeError, TypeError):
+        return str(key)
+
+
+def _stored(connection: Connection, kind: str, keys: Sequence[str]) -> dict[str, Any]:
+    """By key the row's own id and the digests of all rows; what cannot be read has a sentence instead."""
+    try:
+        return _digests(connection, kind, keys)
+    except Exception as error:  # noqa: BLE001
+        # Any type of a row may fail with any error: it is looked for, and told.
+        if len(keys) == 1:
+            text = " ".join(str(getattr(error, "orig", None) or error).split())
+            return {keys[0]: (None, {_UNREADABLE: f"it cannot be read ({type(error).__name__}: {text})"})}
+        half = len(keys) // 2
+        return _stored(connection, kind, keys[:half]) | _stored(connection, kind, keys[half:])
+
+
+def _digests(connection: Connection, kind: str, keys: Sequence[str]) -> dict[str, Any]:
+    query, column, by_uuid = query_of(kind)
+    wanted = [UUID(key) for key in keys] if by_uuid else list(keys)
+    rows = connection.execute(query.where(column.in_(wanted))).mappings().all()
+    names = content_names(KINDS[kind])
+    found: dict[str, Any] = {}
+    by_id: dict[Any, dict[str, str]] = {}
+    for row in rows:
+        values = {name: row.get(name) for name in (*names, "stored_utc")}
+        key = row["shot"] if kind == "removal" else row[column.name]
+        identity = row.get("id") if kind not in ("calibration", "zero") else None
+        digests = {kind: digest(values)}
+        found[key.hex if isinstance(key, UUID) else str(key)] = (identity, digests)
+        by_id[identity] = digests
+    if kind == "cycle":
+        for name, part in PARTS.items():
+            table = metadata.tables[name]
+            of_these = select(table).where(table.c.cycle_id.in_(list(by_id)))
+            for row in connection.execute(of_these).mappings():
+                values = {item: row[item] for item in content_names(part)}
+                by_id[row["cycle_id"]][row_name(name, values)] = digest(values)
+    return found
+
+
+def _beside(connection: Connection) -> Iterator[str]:
+    """Rows without a link: no more than were stored before there was a chain."""
+    start = connection.execute(
+        select(chain_links.c.rows).where(chain_links.c.kind == START, chain_links.c.number == 1)
+    ).scalar_one_or_none()
+    if start is None:
+        yield "chain_links: the start of the chain was removed"
+        return
+    try:
+        before = dict(json.loads(start))
+    except (ValueError, TypeError):
+        return
+    for kind, name in TABLES.items():
+        table = metadata.tables[name]
+        keys, rows = _keys(kind, table)
+        linked = select(chain_links.c.key).where(chain_links.c.kind == kind)
+        unlinked = select(keys.label("key")).select_from(rows).where(keys.not_in(linked))
+        number = connection.execute(select(func.count()).select_from(unlinked.subquery())).scalar_one()
+        expected = before.get(kind, 0)
+        if number > expected:
+            newest = unlinked.order_by(*_newest_first(table)).limit(min(number - expected, _MOST))
+            for key in connection.execute(newest).scalars():
+                yield f"{name}: {kind} {_shown(key)} was put in past the program"
+        elif number < expected:
+            yield f"{name}: {expected - number} rows from before the chain were removed"
+
+
+def _keys(kind: str, table: Table) -> tuple[Any, Any]:
+    """The key of a row as links name it, and where the rows are."""
+    _, column, by_uuid = query_of(kind)
+    rows: Any = table
+    if kind == "removal":
+        rows = archive_removals.join(archived_shots, archive_removals.c.shot_id == archived_shots.c.id)
+    # Not as a UUID: what is none is to be told, and not to end the search.
+    return (func.replace(cast(column, String), "-", "") if by_uuid else column), rows
+
+
+def _newest_first(table: Table) -> list[Any]:
+    if "id" in table.c and table.c.id.type.python_type is int:
+        return [table.c.id.desc()]
+    return [column.desc() for column in (table.c.get("stored_utc"), table.c.get("utc")) if column is not None]
+
+
+def _shortened(findings: Sequence[str]) -> Iterator[str]:
+    """The findings, those of one table only so many times."""
+    told: dict[str, int] = {}
+    for finding in findings:
+        table = finding.partition(":")[0].partition(",")[0]
+        told[table] = told.get(table, 0) + 1
+        if told[table] <= _MOST:
+            yield finding
+    for table, number in told.items():
+        if number > _MOST:
+            yield f"{table}: {number - _MOST} more of this kind"
