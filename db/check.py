@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field
 from datetime import timedelta
+from typing import Any
 
 from sqlalchemy import Connection, Table, func, select
 
+from db.cells import cell_findings, impossible_times
+from db.chain import Head
+from db.chain_check import ChainReport, check_chains
 from db.engine import describe, make_engine, parse_url
 from db.failures import store_errors
 from db.migrate import check_revision, head_revision, require_file
@@ -26,6 +31,8 @@ class CheckReport:
     ----------
     findings
         Sentences; empty when all is well.
+    heads
+        End of each chain of hashes, by station; only when everything was checked.
     cycles, wheels
         How many there are.
     behind
@@ -40,6 +47,7 @@ class CheckReport:
     behind: int
     pending: int | None
     findings: tuple[str, ...]
+    heads: Mapping[str, Head] = field(default_factory=dict)
 
 
 def check_database(url: str, days: float | None = 7.0) -> CheckReport:
@@ -48,7 +56,8 @@ def check_database(url: str, days: float | None = 7.0) -> CheckReport:
     Parameters
     ----------
     days
-        Sums are compared with the results of so many days before the newest; all of them when None.
+        Sums are compared with the results of so many days before the newest. None: all of them, and every
+        row with the chain of hashes.
 
     Raises
     ------
@@ -61,26 +70,59 @@ def check_database(url: str, days: float | None = 7.0) -> CheckReport:
     try:
         with store_errors(describe(parsed)), engine.connect() as connection, connection.begin():
             check_revision(connection, describe(parsed))
-            local = connection.dialect.name == "sqlite"
-            findings = [*_file(connection)] if local else []
-            findings += [*_references(connection), *_sums(connection, days)]
-            findings += [*_outbox(connection)] if local else [*_arrivals(connection)]
-            last = connection.execute(select(sums_state.c.last_cycle_id)).scalar_one()
-            newest = func.coalesce(func.max(outbox.c.sequence), 0)
-            shipped = connection.execute(select(shipments.c.shipped_sequence)).scalar_one()
-            pending = connection.execute(select(newest)).scalar_one() - shipped if local else None
-            return CheckReport(
-                head_revision(),
-                _count(connection, cycles),
-                _count(connection, wheel_results),
-                connection.execute(
-                    select(func.count()).select_from(cycles).where(cycles.c.id > last)
-                ).scalar_one(),
-                pending,
-                tuple(findings),
-            )
+            return _check(connection, days)
     finally:
         engine.dispose()
+
+
+def _check(connection: Connection, days: float | None) -> CheckReport:
+    local = connection.dialect.name == "sqlite"
+    findings: list[str] = []
+    heads: Mapping[str, Head] = {}
+    if local:
+        findings += _told(connection, "the file", _file)
+    findings += _told(connection, "the cells", cell_findings if local else impossible_times)
+    findings += _told(connection, "the references", _references)
+    findings += _told(connection, "the sums", lambda found: _sums(found, days))
+    findings += _told(connection, *(("the outbox", _outbox) if local else ("the arrivals", _arrivals)))
+    if days is None:
+        chains = [ChainReport({}, 0, ())]
+
+        def chain_findings(found: Connection) -> Iterable[str]:
+            chains[0] = check_chains(found)
+            return chains[0].findings
+
+        findings += _told(connection, "the chain of hashes", chain_findings)
+        heads = chains[0].heads
+    counts: dict[str, Any] = dict.fromkeys(("cycles", "wheels", "behind", "pending"), 0)
+    findings += _told(connection, "the number of records", lambda found: _counted(found, counts))
+    return CheckReport(head_revision(), findings=tuple(findings), heads=heads, **counts)
+
+
+def _told(connection: Connection, what: str, look: Callable[[Connection], Iterable[str]]) -> Iterator[str]:
+    """The findings of one look; what keeps it from looking is a finding as well."""
+    # On a server an error would end the transaction for all looks after it.
+    with connection.begin_nested() if connection.dialect.name == "postgresql" else nullcontext() as inner:
+        try:
+            yield from look(connection)
+        except Exception as error:  # noqa: BLE001
+            if inner is not None:
+                inner.rollback()
+            text = " ".join(str(getattr(error, "orig", None) or error).split())
+            yield f"{what} cannot be checked, something in it is damaged ({type(error).__name__}: {text})"
+
+
+def _counted(connection: Connection, counts: dict[str, Any]) -> Iterator[str]:
+    counts["cycles"], counts["wheels"] = _count(connection, cycles), _count(connection, wheel_results)
+    last = connection.execute(select(sums_state.c.last_cycle_id)).scalar_one()
+    newer = select(func.count()).select_from(cycles).where(cycles.c.id > last)
+    counts["behind"] = connection.execute(newer).scalar_one()
+    counts["pending"] = None
+    if connection.dialect.name == "sqlite":
+        newest = connection.execute(select(func.coalesce(func.max(outbox.c.sequence), 0))).scalar_one()
+        shipped = connection.execute(select(shipments.c.shipped_sequence)).scalar_one()
+        counts["pending"] = newest - shipped
+    yield from ()
 
 
 def _count(connection: Connection, table: Table) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, delete, func, literal, select, text, union_all, update
 from sqlalchemy.dialects import postgresql, sqlite
 
+from db.day_sums import day_differences, sums_agree
 from db.partial_sums import (
     CATEGORY,
     CHARACTERISTIC,
@@ -123,7 +124,7 @@ class SumsCheck:
 
 
 def check_sums(connection: Connection, from_hour: int | None = None) -> SumsCheck:
-    """Compare the sums of every hour with the results they were made of.
+    """Compare the sums of every hour with the results they were made of, and days with their hours.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def check_sums(connection: Connection, from_hour: int | None = None) -> SumsChec
     covered = Selection(conditions, last_id=last)
     later = literal(True) if from_hour is None else value_sums.c.start >= from_hour
     kept = {
-        tuple(row[:7]): row[7:]
+        tuple(row[:7]): tuple(row[7:])
         for row in connection.execute(
             select(
                 *(summed_characteristics.c[key] for key in CHARACTERISTIC),
@@ -150,11 +151,11 @@ def check_sums(connection: Connection, from_hour: int | None = None) -> SumsChec
             .where(value_sums.c.hours == 1, later)
         )
     }
-    true = {tuple(row[:7]): row[7:] for row in connection.execute(hourly(raw_values(covered)))}
+    true = {tuple(row[:7]): tuple(row[7:]) for row in connection.execute(hourly(raw_values(covered)))}
     differences = [
         f"value_sums of {key}: {kept.get(key)}, from the results {true.get(key)}"
         for key in {*kept, *true}
-        if not _agree(kept.get(key), true.get(key))
+        if not sums_agree(kept.get(key), true.get(key))
     ]
     later = literal(True) if from_hour is None else result_counts.c.start >= from_hour
     counts_kept = {
@@ -182,22 +183,11 @@ def check_sums(connection: Connection, from_hour: int | None = None) -> SumsChec
         for key in {*counts_kept, *counts_true}
         if counts_kept.get(key) != counts_true.get(key)
     ]
+    differences += day_differences(connection, from_hour)
     number = connection.execute(
         select(func.count()).select_from(cycles).where(*covered.of_cycles)
     ).scalar_one()
     return SumsCheck(number, len(true), len(counts_true), tuple(differences[:10]))
-
-
-def _agree(kept: Any, true: Any) -> bool:
-    if kept is None or true is None:
-        return False
-    scale = max(abs(true[3]), abs(true[4]), 1e-9)
-    return bool(
-        (kept[0], kept[3], kept[4], kept[5], kept[6], kept[8])
-        == (true[0], true[3], true[4], true[5], true[6], true[8])
-        and abs(kept[1] - true[1]) <= 1e-12 * scale
-        and all(abs(kept[k] - true[k]) <= 1e-9 * true[k] + 1e-20 * true[0] for k in (2, 7))
-    )
 
 
 def _last_committed(engine: Engine) -> int:

@@ -35,7 +35,9 @@ def check(
     days: Annotated[
         float, typer.Option(min=0.0, help="Compare sums with the results of so many days before the newest.")
     ] = 7.0,
-    everything: Annotated[bool, typer.Option("--all", help="Compare the sums of all days.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Compare the sums of all days, and every row with its hash.")
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Look for damage, gaps, missing records and sums that disagree; changes nothing."""
@@ -47,6 +49,9 @@ def check(
             {
                 "revision": report.revision,
                 "findings": list(report.findings),
+                "chains": {
+                    name: {"number": end.number, "hash": end.hash} for name, end in report.heads.items()
+                },
                 "figures": {
                     "cycles": report.cycles,
                     "wheels": report.wheels,
@@ -62,6 +67,10 @@ def check(
             typer.echo(f"{report.pending:,} records wait to be shipped")
         if report.behind:
             typer.echo(f"{report.behind:,} cycles are not in the sums yet: run `truewheel db sums`")
+        for name, end in report.heads.items():
+            typer.echo(
+                f"chain of {f'station {name}' if name else 'no station'}: link {end.number}, {end.hash}"
+            )
         for finding in report.findings:
             typer.echo(finding)
         typer.echo("nothing is wrong" if not report.findings else f"{len(report.findings)} findings")
