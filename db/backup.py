@@ -14,6 +14,7 @@ from uuid import uuid4
 from sqlalchemy import URL, inspect
 
 from alignment.errors import FormatError, StoreError, StoreUnavailableError
+from alignment.file_limits import BACKUP, WANTED_CURE, unfit_kind, unfit_size
 from db.engine import describe, make_engine, parse_url
 from db.failures import store_errors
 from db.migrate import current_revision, require_file
@@ -74,6 +75,10 @@ def restore(path: Path, url: str) -> None:
     parsed = parse_url(url)
     local = parsed.get_backend_name() == "sqlite"
     try:
+        found = path.stat()
+        unfit = unfit_kind(found.st_mode) or unfit_size(found.st_size, BACKUP)
+        if unfit is not None:
+            raise FormatError(file=path, expected="a backup", seen=unfit, cure=WANTED_CURE)
         with path.open("rb") as file:
             header = file.read(16)
     except OSError as error:

@@ -13,6 +13,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError
 
 from alignment.errors import ConfigurationError
+from alignment.file_limits import unfit_kind
 from db.files import WatchedConnection, companions, identity_of, replaced
 from db.server import bounded_connection
 
@@ -65,6 +66,22 @@ def _require_plain_file(url: URL) -> None:
             expected="'sqlite:///FILE', a file so that results survive the program",
             seen=seen,
             cure=cure,
+        )
+    _require_ordinary(Path(database))
+
+
+def _require_ordinary(path: Path) -> None:
+    """Refuse a pipe, a device or a folder before SQLite waits for it."""
+    try:
+        unfit = unfit_kind(path.stat().st_mode)
+    except (OSError, ValueError):
+        return  # Not there yet, or told by whoever opens it.
+    if unfit is not None:
+        raise ConfigurationError(
+            field="database URL",
+            expected="the file of an SQLite database",
+            seen=f"'{path}', {unfit}",
+            cure="Name another file in the database URL",
         )
 
 

@@ -34,7 +34,7 @@ from sensors.formats import (
     read_plate_session,
 )
 from sensors.formats.calibration import describe_calibration
-from sensors.formats.files import write_folder
+from sensors.formats.files import entries, write_folder
 from sensors.formats.plate_session import SESSION_FILE
 from sensors.formats.validation import dump_json
 from station.calibrate import calibration_id, observe_session
@@ -129,7 +129,7 @@ def _place(session: PlateSession, known: RigCalibration, frame: GaugeFrame, now_
 
 def _read_sessions(folder: Path) -> dict[str, PlateSession]:
     found: dict[str, PlateSession] = {}
-    for path in sorted(folder.glob(f"*/{SESSION_FILE}")):
+    for path in entries(folder, SESSION_FILE, "plate sessions"):
         session = read_plate_session(path.parent)
         if session.rig in found:
             raise FormatError(

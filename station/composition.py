@@ -18,6 +18,7 @@ from db.background import BackgroundWork
 from db.store import ResultStore
 from sensors.drivers.recorded import recorded_rig
 from sensors.formats import read_calibration_file, write_calibration
+from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
 from station.archive import ArchivingObserver
@@ -240,7 +241,7 @@ def recorded_folders(configuration: Configuration, options: RecordedOptions, ind
         When there are none.
     """
     folder = configuration.path(options.shots)
-    folders = sorted(path.parent for path in folder.glob(f"*/{SHOT_FILE}"))
+    folders = [path.parent for path in entries(folder, SHOT_FILE, "shots")]
     if not folders:
         raise ConfigurationError(
             file=configuration.file,

@@ -13,8 +13,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.file_limits import TEXT
 from alignment.values import MeasureSettings, Side
 from sensors.camera import CameraSettings
+from sensors.formats.files import read_bytes
 from sensors.formats.validation import Name, StrictModel
 from station.toml import read_toml
 from station.vehicle_types import Label, VehicleType, read_vehicle_types
@@ -325,7 +327,7 @@ class Configuration:
         content = {
             "station": self.settings.model_dump(mode="json", exclude=left_out),
             "vehicle_types": [kind.model_dump(mode="json") for _, kind in sorted(self.vehicle_types.items())],
-            "dbc": hashlib.sha256(self.path(self.settings.line.dbc).read_bytes()).hexdigest(),
+            "dbc": hashlib.sha256(read_bytes(self.path(self.settings.line.dbc), "a DBC", TEXT)).hexdigest(),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -340,7 +342,7 @@ def read_configuration(path: Path) -> Configuration:
     """
     settings = read_toml(StationConfig, path, "a station's configuration")
     for field, name, found in (
-        ("line.dbc", settings.line.dbc, (path.parent / settings.line.dbc).is_file()),
+        ("line.dbc", settings.line.dbc, (path.parent / settings.line.dbc).exists()),
         ("vehicle_types", settings.vehicle_types, (path.parent / settings.vehicle_types).is_dir()),
     ):
         if not found:

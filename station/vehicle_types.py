@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
+from sensors.formats.files import entries
 from sensors.formats.validation import StrictModel
 from station.toml import read_toml
 from station.verdict import Limits
@@ -99,7 +100,12 @@ def read_vehicle_types(folder: Path) -> Mapping[int, VehicleType]:
     ConfigurationError
         When there is none, one cannot be read, or two have the same number or name.
     """
-    paths = sorted(folder.glob("*.toml"))
+    try:
+        paths = entries(folder, "*.toml", "vehicle types")
+    except FormatError as error:
+        raise ConfigurationError(
+            file=folder, expected=error.expected, seen=error.seen, cure=error.cure
+        ) from error
     if not paths:
         raise ConfigurationError(
             file=folder, expected="a folder with one TOML file per vehicle type", seen="none"

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files: read when they are ordinary and of a believable size, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,15 +7,26 @@ import os
 import secrets
 import shutil
 from collections.abc import Mapping
+from fnmatch import fnmatch
 from pathlib import Path
+from typing import BinaryIO
 
 from alignment.errors import FormatError
+from alignment.file_limits import (
+    DOCUMENT,
+    ENTRIES,
+    SMALLER_CURE,
+    WANTED_CURE,
+    in_words,
+    unfit_kind,
+    unfit_size,
+)
 
 _CURE = "Choose another place, or make this one writable"
 
 
-def read_bytes(path: Path, kind: str) -> bytes:
-    """Return the content of a file.
+def read_bytes(path: Path, kind: str, largest: int = DOCUMENT) -> bytes:
+    """Return the content of an ordinary file.
 
     Parameters
     ----------
@@ -23,21 +34,121 @@ def read_bytes(path: Path, kind: str) -> bytes:
         The file.
     kind
         What it should be, such as "an image", for the message.
+    largest
+        Bytes that a file of this kind may have; see `alignment.file_limits`.
 
     Raises
     ------
     FormatError
-        When there is no such file, or it cannot be read.
+        When there is no such file, it is a pipe, a device or a folder, larger than that, or cannot be read.
     """
-    if not path.is_file():
-        seen = "a folder" if path.is_dir() else "no such file"
-        raise FormatError(file=path, expected=kind, seen=seen, cure="Check the name and the path")
+    with open_ordinary(path, kind, largest) as stream:
+        try:
+            content = stream.read(largest + 1)
+        except OSError as error:
+            raise _unreadable(path, kind, error) from error
+    # Some files say nothing of their size, or grow meanwhile.
+    _require_size(path, kind, len(content), largest)
+    return content
+
+
+def open_ordinary(path: Path, kind: str, largest: int) -> BinaryIO:
+    """Open an ordinary file to read; refuses as `read_bytes` does, and never waits for a writer."""
+    require_ordinary(path, kind, largest)
     try:
-        return path.read_bytes()
+        # Should it have become a pipe since, opening it does not wait.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
+        raise _unreadable(path, kind, error) from error
+    try:
+        _require_fit(path, kind, os.fstat(handle), largest)
+    except FormatError:
+        os.close(handle)
+        raise
+    return os.fdopen(handle, "rb")
+
+
+def require_ordinary(path: Path, kind: str, largest: int) -> None:
+    """Refuse what is no ordinary file of at most `largest` bytes, without opening it.
+
+    Raises
+    ------
+    FormatError
+        As `read_bytes`.
+    """
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
         raise FormatError(
-            file=path, expected=f"{kind} that can be read", seen=error.strerror or str(error)
+            file=path, expected=kind, seen="no such file", cure="Check the name and the path"
         ) from error
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, kind, error) from error
+    _require_fit(path, kind, found, largest)
+
+
+def entries(folder: Path, name: str, what: str, most: int = ENTRIES) -> list[Path]:
+    """Return the sorted paths ``folder/*/name``, or ``folder/*.ending`` for a name that starts with ``*``.
+
+    Parameters
+    ----------
+    folder
+        Searched one level deep; one that is not there has no entries.
+    name
+        File that each of its folders may hold, such as ``shot.json``, or a pattern such as ``*.toml``.
+    what
+        What the entries are, for the message.
+    most
+        Entries of the folder, of any kind.
+
+    Raises
+    ------
+    FormatError
+        When it has more, or cannot be read.
+    """
+    found: list[Path] = []
+    try:
+        with os.scandir(folder) as scan:
+            for number, entry in enumerate(scan):
+                if number >= most:
+                    raise FormatError(
+                        file=folder,
+                        expected=f"a folder of {what}, at most {most} entries",
+                        seen="more",
+                        cure="Name the right folder, or move what is not needed out of it",
+                    )
+                if name.startswith("*"):
+                    if fnmatch(entry.name, name):
+                        found.append(folder / entry.name)
+                elif (folder / entry.name / name).exists():
+                    found.append(folder / entry.name / name)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except OSError as error:
+        raise _unreadable(folder, f"a folder of {what}", error) from error
+    return sorted(found)
+
+
+def _require_fit(path: Path, kind: str, found: os.stat_result, largest: int) -> None:
+    unfit = unfit_kind(found.st_mode)
+    if unfit is not None:
+        raise FormatError(file=path, expected=kind, seen=unfit, cure=WANTED_CURE)
+    _require_size(path, kind, found.st_size, largest)
+
+
+def _require_size(path: Path, kind: str, size: int, largest: int) -> None:
+    seen = unfit_size(size, largest)
+    if seen is not None:
+        expected = f"{kind} of at most {in_words(largest)}"
+        raise FormatError(file=path, expected=expected, seen=seen, cure=SMALLER_CURE)
+
+
+def _unreadable(path: Path, kind: str, error: OSError | ValueError) -> FormatError:
+    return FormatError(
+        file=path,
+        expected=f"{kind} that can be read",
+        seen=getattr(error, "strerror", None) or str(error),
+    )
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -14,6 +14,7 @@ from PIL import UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from alignment.errors import FormatError
+from alignment.file_limits import IMAGE
 from alignment.values import Image
 from sensors.formats.files import read_bytes, write_bytes
 
@@ -47,7 +48,7 @@ def read_image(path: str | PathLike[str], expected_size: tuple[int, int] | None 
         another depth than 8 or 16 bits or several pages, or is of another size.
     """
     path = Path(path)
-    content = read_bytes(path, _KIND)
+    content = read_bytes(path, _KIND, IMAGE)
     if content.startswith(_PNG_START):
         _check_png(path, content)
     try:

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 
 from alignment.calibration.observations import Plate
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
+from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import Name, StrictModel, load_toml, validate
 
@@ -202,7 +203,7 @@ def describe_plate(file: PlateFile, folder: Path | None = None) -> PlateDescript
     if file.certificate is None or folder is None:
         return PlateDescription(file, _nominal(file))
     path = folder / file.certificate
-    content = read_bytes(path, "the certificate of a plate")
+    content = read_bytes(path, "the certificate of a plate", TEXT)
     return PlateDescription(file, _certified(_nominal(file), file.pitch_mm, content, path), content)
 
 

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from alignment.errors import ConfigurationError, FormatError, InputError
+from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
 
 M = TypeVar("M", bound=BaseModel)
@@ -104,7 +105,7 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
         When it is missing, is not UTF-8, or has an error of syntax (the line is named).
     """
     try:
-        return tomllib.loads(read_bytes(path, kind).decode("utf-8-sig"))
+        return tomllib.loads(read_bytes(path, kind, TEXT).decode("utf-8-sig"))
     except FormatError as error:
         raise ConfigurationError(
             file=path, expected=error.expected, seen=error.seen, cure=error.cure

@@ -20,7 +20,9 @@ from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
 from textparser import ParseError
 
-from alignment.errors import ConfigurationError, InputError
+from alignment.errors import ConfigurationError, FormatError, InputError
+from alignment.file_limits import TEXT
+from sensors.formats.files import read_bytes
 from station.line.messages import (
     Answer,
     CommandCode,
@@ -397,9 +399,11 @@ def load_line_database(path: str | PathLike[str]) -> LineDatabase:
     file = Path(path)
     database = Database()
     try:
-        database.add_dbc_string(file.read_text(encoding="cp1252"))
-    except OSError as error:
-        raise ConfigurationError(file=file, expected="a readable DBC", seen=str(error.strerror)) from error
+        database.add_dbc_string(read_bytes(file, "a DBC", TEXT).decode("cp1252"))
+    except FormatError as error:
+        raise ConfigurationError(
+            file=file, expected=error.expected, seen=error.seen, cure=error.cure
+        ) from error
     except (CantoolsError, ParseError, ValueError, KeyError) as error:
         raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error) or repr(error)) from error
     return LineDatabase(database, file)

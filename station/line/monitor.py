@@ -17,6 +17,8 @@ import can
 from can.io.blf import BLFParseError
 
 from alignment.errors import FormatError, InputError
+from alignment.file_limits import LOG
+from sensors.formats.files import open_ordinary
 from station.line.bus import LineBus
 from station.line.bus_log import LOG_ENDINGS, open_log
 from station.line.dbc import LineDatabase, Value
@@ -105,7 +107,7 @@ def read_log(path: str | PathLike[str]) -> Iterator[can.Message]:
     count = 0
     try:
         # Opened here and not by the reader, which would leave a damaged file open.
-        with file.open("rb") as binary:
+        with open_ordinary(file, "a log of CAN frames", LOG) as binary:
             for frame in _reader(file, binary):
                 count += 1
                 yield frame

@@ -11,6 +11,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from alignment.errors import FormatError
+from sensors.formats.files import read_bytes
 
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 1_000_000
@@ -91,12 +92,10 @@ def read_table(path: Path, required: Sequence[str]) -> list[Line]:
     Raises
     ------
     FormatError
-        For anything else, and for a table without a line below the header.
-    OSError
-        When the file cannot be read.
+        For anything else, for a table without a line below the header, and for a file that cannot be read.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_bytes(path, "a table").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(
             file=path,

@@ -26,7 +26,7 @@ from sensors.formats.exchange.cameras import (
     cameras_to_export,
     reference_from,
 )
-from sensors.formats.files import read_bytes, write_folder
+from sensors.formats.files import entries, read_bytes, write_folder
 from sensors.formats.validation import validate
 
 SUFFIX = ".cameramodel"
@@ -91,7 +91,7 @@ def read_mrcal(paths: Sequence[Path], *, unit_mm: float = 1000.0) -> tuple[Named
     """
     files: list[Path] = []
     for path in paths:
-        inside = sorted(path.glob(f"*{SUFFIX}")) if path.is_dir() else [path]
+        inside = entries(path, f"*{SUFFIX}", "camera models") if path.is_dir() else [path]
         if not inside:
             raise FormatError(file=path, expected=f"{SUFFIX} files", seen="none")
         files += inside
