@@ -48,6 +48,8 @@ _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface b
 _LEAST_MISFIT, _UNSTATED_MISFIT, _DEVIATIONS, _MOVEMENTS = 0.003, 0.01, 3.0, 5
 _SOME = 4  # line points of which one tells of the light
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
+_WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a lamp in view
+_LEAST_FULL_SCALE = 1023  # of a camera whose images have 16 bit
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
 
@@ -113,14 +115,9 @@ def _measure(
         left, right = next(found_lines), next(found_lines)
         for image, found, side in ((pair.left, left, "left"), (pair.right, right, "right")):
             if found is None or len(found.points) < settings.minimum_points // 4:
-                return _no_light(image, head, side)
+                return _too_bright(head, side) if _is_white(image) else _no_light(image, head, side)
             if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
-                return Refusal(
-                    RefusalCode.HEAD_SATURATED,
-                    f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
-                    "or shield the station from the sun",
-                    head.name,
-                )
+                return _too_bright(head, side)
         assert left is not None
         assert right is not None
         lines.append((left, right))
@@ -158,6 +155,22 @@ def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -
                     f"calibration has {size}, 8 or 16 bit, one channel",
                 )
     return None
+
+
+def _too_bright(head: HeadCalibration, side: str) -> Refusal:
+    return Refusal(
+        RefusalCode.HEAD_SATURATED,
+        f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
+        "or shield the station from the sun",
+        head.name,
+    )
+
+
+def _is_white(image: Image) -> bool:
+    """Tell whether so much of an image is at full scale that lines cannot show; 16-bit cameras may end below
+    65535, but none below 1023."""
+    top = 255 if image.dtype == np.uint8 else max(int(image.max()), _LEAST_FULL_SCALE)
+    return float(np.mean(image >= top)) > _WHITE_SHARE
 
 
 def _no_light(image: Image, head: HeadCalibration, side: str) -> Refusal:

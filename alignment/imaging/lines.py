@@ -95,7 +95,8 @@ def extract_many(
     """
     n = len(images)
     kind: DTypeLike = np.uint8 if all(image.dtype == np.uint8 for image in images) else np.uint16
-    same = [np.ascontiguousarray(image, dtype=kind) for image in images]
+    # One type for all: a kernel is compiled anew for arrays that cannot be written to, as of a mapped file.
+    same = [np.require(image, kind, ["C", "W"]) for image in images]
     if views is None:
         views = np.array([[0, 0, image.shape[1], image.shape[0]] for image in images], dtype=np.int64)
     # One large block: the C library keeps as much memory as the largest block it has seen freed, and fresh

@@ -7,6 +7,7 @@ fit of all; it is told by what the other heads fit without it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,7 +28,10 @@ _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _SURE_SCALE = 1.5  # residuals in units of the image noise below which no other hypothesis needs a look
 _GOOD_SCALE = 3.0  # and above which something that is not a wheel spoils the fit; a ghost comes near it
 _FEW_OF_MEDIAN = 0.3  # of the weight that the points of the middle one of the heads have
+_FEW_OF_BEST = 0.3  # and that those of the best one have
 _ROUNDS = 6  # of choosing points and fitting, where the first choice was bad
+# mm; where the axis may stand when it is not near the rig's: a fit finds one that is so far from its start
+_CENTRES = tuple((40.0 * math.cos(k * math.pi / 3.0), 40.0 * math.sin(k * math.pi / 3.0)) for k in range(6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,25 +61,42 @@ def find_surface(pool: PointPool, hypotheses: Sequence[PlaneHypothesis], axes: A
         None where the points of no hypothesis lie around one axis.
     """
     best: WheelSurface | None = None
+    likeliest: PlaneHypothesis | None = None
     for hypothesis in hypotheses:
         try:
             surface = _fit_hypothesis(pool, hypothesis, axes)
         except DegenerateInputError:
             continue
         if best is None or surface.fit.scale < best.fit.scale:
-            best = surface
+            best, likeliest = surface, hypothesis
         if best.fit.scale < _SURE_SCALE:
             break
+    if best is not None and likeliest is not None and best.fit.scale >= _GOOD_SCALE:
+        best = _off_axis(pool, likeliest, axes) or best
     if best is not None and (best.fit.scale >= _GOOD_SCALE or _one_head_is_off(best, int(pool.head[-1]) + 1)):
         best = _without_intruder(pool, best, axes)
     return best
 
 
-def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis, axes: Array) -> WheelSurface:
+def _off_axis(pool: PointPool, hypothesis: PlaneHypothesis, axes: Array) -> WheelSurface | None:
+    """Look for a wheel that stands beside the rig's axis, which a fit that starts on it may miss."""
+    for centre in _CENTRES:
+        try:
+            surface = _fit_hypothesis(pool, hypothesis, axes, centre)
+        except DegenerateInputError:
+            continue
+        if surface.fit.scale < _SURE_SCALE:
+            return surface
+    return None
+
+
+def _fit_hypothesis(
+    pool: PointPool, hypothesis: PlaneHypothesis, axes: Array, centre: tuple[float, float] = (0.0, 0.0)
+) -> WheelSurface:
     c = hypothesis.coefficients
     heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
     chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
-    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([0.0, 0.0, c[0]]), axes)
+    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([*centre, c[0]]), axes)
     # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
     heights = np.nan_to_num(surface.fit.height(pool.points), nan=np.inf)
     again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
@@ -84,11 +105,22 @@ def _fit_hypothesis(pool: PointPool, hypothesis: PlaneHypothesis, axes: Array) -
     return surface
 
 
+def _weights_of_heads(surface: WheelSurface, heads: int) -> Array:
+    """(H,) weight of the points of each head, the least first."""
+    fit = surface.fit
+    return np.sort(head_sums(surface.points.head, heads, fit.weights, fit.residuals)[1])
+
+
 def _one_head_is_off(surface: WheelSurface, heads: int) -> bool:
     """Tell whether the wheel was fitted to hardly any points of one head: it may look at something else."""
-    fit = surface.fit
-    weights = np.sort(head_sums(surface.points.head, heads, fit.weights, fit.residuals)[1])
+    weights = _weights_of_heads(surface, heads)
     return bool(weights[0] < _FEW_OF_MEDIAN * weights[len(weights) // 2])
+
+
+def _others_carry(surface: WheelSurface, heads: int) -> bool:
+    """Tell whether all heads but one carry the wheel: a ghost fits one head well and others by chance."""
+    weights = _weights_of_heads(surface, heads)
+    return bool(weights[1] >= _FEW_OF_BEST * weights[-1])
 
 
 def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> WheelSurface:
@@ -96,7 +128,8 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
     best, most = surface, 0
     if surface.fit.scale < _GOOD_SCALE:
         most = int(np.count_nonzero(surface.fit.weights))
-    for head in range(int(pool.head.max()) + 1):
+    heads = int(pool.head.max()) + 1
+    for head in range(heads if heads > 1 else 0):
         chosen = surface.chosen & (pool.head != head)
         try:
             other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
@@ -109,7 +142,8 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
         except DegenerateInputError:
             continue
         # Of those that fit, the one on which most points lie.
-        if other.fit.scale < _GOOD_SCALE and np.count_nonzero(other.fit.weights) > most:
+        fits = other.fit.scale < _GOOD_SCALE and _others_carry(other, heads)
+        if fits and np.count_nonzero(other.fit.weights) > most:
             best, most = other, int(np.count_nonzero(other.fit.weights))
     return best
 
