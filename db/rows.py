@@ -165,8 +165,11 @@ def read_stations(connection: Connection, query: Select[Any]) -> tuple[StationRe
     """Stations as they were from a time on; `query` extends `STATIONS`."""
     rows = connection.execute(query).mappings().all()
     known: dict[int, list[str]] = defaultdict(list)
-    for station_id, name in connection.execute(select(rigs.c.station_id, rigs.c.name)):
-        known[station_id].append(name)
+    ids = sorted({row["station_id"] for row in rows})
+    for start in range(0, len(ids), PORTION):
+        of_these = rigs.c.station_id.in_(ids[start : start + PORTION])
+        for station_id, name in connection.execute(select(rigs.c.station_id, rigs.c.name).where(of_these)):
+            known[station_id].append(name)
     return tuple(record_of(StationRecord, row, rigs=tuple(known[row["station_id"]])) for row in rows)
 
 

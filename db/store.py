@@ -50,6 +50,7 @@ from db.schema import (
     vehicles,
     wheel_results,
     zero_measurements,
+    zero_revocations,
 )
 from db.writing import write_record
 
@@ -255,10 +256,11 @@ class ResultStore:
             found = read_cycles(connection, CYCLES.where(cycles.c.uuid == uuid))
         return found[0] if found else None
 
-    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
-        """The last `n` cycles that were stored, newest first."""
+    def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
+        """The last `n` cycles that were stored, newest first; only those of a station when it is named."""
+        query = CYCLES if station is None else CYCLES.where(cycles.c.station == station)
         with self._transaction() as connection:
-            return read_cycles(connection, CYCLES.order_by(cycles.c.id.desc()).limit(n))
+            return read_cycles(connection, query.order_by(cycles.c.id.desc()).limit(n))
 
     def wheel_results(self, vin: str) -> tuple[StoredWheel, ...]:
         """All wheel results of a VIN, of every vehicle type and cycle, in the order they were stored."""
@@ -314,20 +316,53 @@ class ResultStore:
         with self._transaction() as connection:
             return read_zeros(connection, query)
 
-    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
-        """For each rig and calibration the newest zero measurement that was not revoked."""
-        newest = {
-            (zero.record.rig, zero.record.calibration_id): zero.record
-            for zero in self.zeros()
-            if zero.revocation is None
-        }
-        return tuple(newest.values())
+    def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
+        """For each rig and calibration the newest zero measurement that was not revoked.
 
-    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
-        """The last `n` events that were stored, newest first."""
+        Parameters
+        ----------
+        installed
+            Only of these rigs and ids of calibrations; then no more than these are read, however many zero
+            measurements there are.
+        """
+        valid = ZEROS.where(zero_revocations.c.zero_id.is_(None))
+        newest = (zero_measurements.c.measured_utc, zero_measurements.c.stored_utc)
         with self._transaction() as connection:
-            rows = connection.execute(select(events).order_by(events.c.id.desc()).limit(n)).mappings()
-            return tuple(record_of(EventRecord, row) for row in rows)
+            if installed is None:
+                zeros = read_zeros(connection, valid.order_by(*newest))
+            else:
+                of_rig, of_calibration = zero_measurements.c.rig, zero_measurements.c.calibration_id
+                last = valid.order_by(*(column.desc() for column in newest)).limit(1)
+                zeros = tuple(
+                    zero
+                    for rig, calibration in installed
+                    for zero in read_zeros(
+                        connection, last.where(of_rig == rig, of_calibration == calibration)
+                    )
+                )
+        return tuple({(zero.record.rig, zero.record.calibration_id): zero.record for zero in zeros}.values())
+
+    def recent_events(
+        self, n: int, station: str | None = None, codes: Sequence[str] = ()
+    ) -> tuple[EventRecord, ...]:
+        """The last `n` events that were stored, newest first.
+
+        Parameters
+        ----------
+        station
+            Only events of this station.
+        codes
+            Only with these codes, of each the last `n`; needs a station.
+        """
+        query = select(events).order_by(events.c.id.desc()).limit(n)
+        if station is not None:
+            query = query.where(events.c.station == station)
+        # One by one each code is found by an index, however many events there are.
+        queries = [query.where(events.c.code == code) for code in codes] or [query]
+        with self._transaction() as connection:
+            rows = [row for one in queries for row in connection.execute(one).mappings()]
+        rows.sort(key=lambda row: row["id"], reverse=True)
+        return tuple(record_of(EventRecord, row) for row in rows)
 
     def reading(self) -> AbstractContextManager[Connection]:
         """One state of the database, for `db.retention` and others of this package."""

@@ -281,7 +281,8 @@ class MeasuringCycle:
         armed = []
         try:
             # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
-            zeros = self._store_thread.call(self._store.zeros_in_force)
+            installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in positions]
+            zeros = self._store_thread.call(self._store.zeros_in_force, installed)
         except StoreError as error:
             return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
         for position in positions:

@@ -6,6 +6,7 @@ What became of a cycle's results is an event of the database: it is only ever ad
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 from uuid import UUID
@@ -14,7 +15,8 @@ from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
 from station.line.messages import StationState
 from station.records import Standing
 
-_FIRST_LOOK = 100
+# Of each code the newest few: the last cycle's are among them.
+_NEWEST = 20
 
 
 class Closing(enum.StrEnum):
@@ -44,12 +46,14 @@ class Held:
 class History(Protocol):
     """What is needed of the database."""
 
-    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
-        """Return the last cycles, newest first."""
+    def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
+        """Return the last cycles of a station, newest first."""
         ...
 
-    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
-        """Return the last events, newest first."""
+    def recent_events(
+        self, n: int, station: str | None = None, codes: Sequence[str] = ()
+    ) -> tuple[EventRecord, ...]:
+        """Return the last events of a station, of each code so many, newest first."""
         ...
 
 
@@ -77,23 +81,11 @@ def unacknowledged(history: History, station: str) -> tuple[CycleRecord, Standin
 
 
 def _last_cycle(history: History, station: str) -> CycleRecord | None:
-    """Look further and further back: stations may share a database."""
-    count = 1
-    while True:
-        cycles = history.recent_cycles(count)
-        for stored in cycles:
-            if stored.record.station == station:
-                return stored.record
-        if len(cycles) < count:
-            return None
-        count *= 10
+    """Stations may share a database, so the last cycle of all may be another's."""
+    return next((stored.record for stored in history.recent_cycles(1, station)), None)
 
 
 def _closings(history: History, record: CycleRecord) -> set[str]:
-    """Codes of the events of this cycle; all events since it began are looked at."""
-    count = _FIRST_LOOK
-    while True:
-        events = history.recent_events(count)
-        if len(events) < count or events[-1].utc < record.received_utc:
-            return {event.code for event in events if event.text.startswith(str(record.uuid))}
-        count *= 10
+    """Codes of the events of this cycle."""
+    events = history.recent_events(_NEWEST, record.station, tuple(Closing))
+    return {event.code for event in events if event.text.startswith(str(record.uuid))}

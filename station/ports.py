@@ -89,16 +89,18 @@ class Store(Protocol):
         """Store a check of a calibration."""
         ...
 
-    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
-        """Return the last cycles, newest first."""
+    def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
+        """Return the last cycles, newest first; of one station when it is named."""
         ...
 
-    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
-        """Return the last events, newest first."""
+    def recent_events(
+        self, n: int, station: str | None = None, codes: Sequence[str] = ()
+    ) -> tuple[EventRecord, ...]:
+        """Return the last events, newest first; of one station and of each code so many when named."""
         ...
 
-    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
-        """Return the zero measurement in force of each rig and calibration."""
+    def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
+        """Return the zero measurement in force of each rig and calibration; of these when given."""
         ...
 
 

@@ -183,13 +183,19 @@ class FakeStore:
     def record_check(self, record: CalibrationCheckRecord) -> None:
         self._write(self.checks, record)
 
-    def recent_cycles(self, n: int) -> tuple[StoredCycle, ...]:
-        return tuple(StoredCycle(record, TODAY) for record in self.cycles[::-1][:n])
+    def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
+        found = [record for record in self.cycles[::-1] if station in (None, record.station)]
+        return tuple(StoredCycle(record, TODAY) for record in found[:n])
 
-    def recent_events(self, n: int) -> tuple[EventRecord, ...]:
-        return tuple(self.events[::-1][:n])
+    def recent_events(
+        self, n: int, station: str | None = None, codes: Sequence[str] = ()
+    ) -> tuple[EventRecord, ...]:
+        found = [event for event in self.events[::-1] if station in (None, event.station)]
+        if not codes:
+            return tuple(found[:n])
+        return tuple(event for code in codes for event in [e for e in found if e.code == code][:n])
 
-    def zeros_in_force(self) -> tuple[ZeroRecord, ...]:
+    def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
         if self.zeros_error is not None:
             raise self.zeros_error
         return self.zeros
