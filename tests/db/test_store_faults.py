@@ -292,6 +292,17 @@ def test_a_standby_or_a_role_that_may_only_read_is_named(postgres_url: str) -> N
         ("mysql://quality:geheim-7@host/results", "a URL that begins with 'mysql:'"),
         ("sqlite://", "an SQLite database in memory"),
         ("sqlite:///:memory:", "an SQLite database in memory"),
+        ("sqlite:///", "an SQLite database in memory"),
+        ("sqlite:///%20", "an SQLite database in memory"),
+        ("sqlite:/// ", "an SQLite database in memory"),
+        ("sqlite:///results.db?mode=memory", "the parameters mode"),
+        ("sqlite:///results.db?immutable=1&nolock=1", "the parameters immutable, nolock"),
+        ("sqlite:///results.db?cache=shared", "the parameters cache"),
+        ("sqlite:///results.db?vfs=unix-none", "the parameters vfs"),
+        ("sqlite:///file:results.db?mode=memory&uri=true", "a path that is no path of a file"),
+        ("sqlite:///file::memory:", "a path that is no path of a file"),
+        ("sqlite:///results\0.db", "a path that is no path of a file"),
+        ("sqlite://results.db", "a name of a computer"),
     ],
 )
 def test_a_url_of_another_kind_is_refused_without_its_password(url: str, seen: str) -> None:
