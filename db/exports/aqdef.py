@@ -24,7 +24,7 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from datetime import datetime, tzinfo
+from datetime import UTC, datetime, tzinfo
 from pathlib import Path
 from typing import IO
 
@@ -220,7 +220,7 @@ class _Collected:
         mine.last_calibration = row.calibration_id or mine.last_calibration
         codes = [CALIBRATION_CHANGED] * changed + [STATION_EVENT] * bool(happened)
         codes += [MEASURED_BEFORE] * (before is not None)
-        time = row.received_utc.astimezone(self._timezone) if self._timezone else row.received_utc
+        time = row.received_utc.astimezone(self._timezone or UTC)
         self._write(part, number, "K0001", _number(row.value_deg))
         if not row.judged_cycle or row.verdict == AngleVerdict.NOT_JUDGED:
             self._write(part, number, "K0002", str(INVALID))

@@ -208,7 +208,7 @@ def _angle(row: AngleRow) -> tuple[str, str, str, str, str]:
     if row.value_deg is None:
         return _name(row), "–", "", "", row.verdict
     u = "" if row.u95_deg is None else f" ± {row.u95_deg:.4f}"
-    limits = ("" if limit is None else f"{limit:.3f}" for limit in (row.low_deg, row.high_deg))
+    limits = ("" if limit is None else f"{limit:.4f}" for limit in (row.low_deg, row.high_deg))
     low, high = limits
     return _name(row), f"{row.value_deg:+.4f}{u}", low, high, row.verdict
 

@@ -6,9 +6,25 @@ import enum
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, time, timedelta
+from typing import Any
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from sqlalchemy import Column, ColumnElement, Connection, Select, and_, false, or_, select, true
+from sqlalchemy import (
+    Boolean,
+    Column,
+    ColumnElement,
+    Connection,
+    Select,
+    and_,
+    false,
+    literal,
+    or_,
+    select,
+    true,
+)
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import FunctionElement
 
 from alignment.errors import InputError
 from db.records import Verdict, check_text
@@ -229,8 +245,28 @@ def matches(column: Column[str], pattern: str) -> ColumnElement[bool]:
     """Condition: equal to a text, in which ``*`` stands for anything."""
     if "*" not in pattern:
         return column == pattern
-    escaped = pattern.replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_").replace("*", "%")
-    return column.like(escaped, escape="\\")
+    glob = pattern.replace("[", "[[]").replace("?", "[?]")
+    like = pattern.replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_").replace("*", "%")
+    return looks_like(column, literal(glob), literal(like))
+
+
+class looks_like(FunctionElement[bool]):  # noqa: N801  (named as SQL functions are)
+    """A column against one pattern, said for GLOB and for LIKE, which on SQLite takes small letters too."""
+
+    type = Boolean()
+    inherit_cache = True
+
+
+@compiles(looks_like, "sqlite")
+def _sqlite_pattern(element: Any, compiler: SQLCompiler, **options: Any) -> str:
+    column, glob, _ = (compiler.process(part, **options) for part in element.clauses)
+    return f"({column} GLOB {glob})"
+
+
+@compiles(looks_like)
+def _postgresql_pattern(element: Any, compiler: SQLCompiler, **options: Any) -> str:
+    column, _, like = (compiler.process(part, **options) for part in element.clauses)
+    return f"({column} LIKE {like} ESCAPE '\\')"
 
 
 def stations_of(names: tuple[str, ...]) -> Select[tuple[str]]:

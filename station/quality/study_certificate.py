@@ -102,11 +102,11 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
     cycles = {(value.part, value.appraiser, value.trial): value.cycle for value in stored.values}
     document.heading("Raw values")
     document.rows(
-        ("part", "appraiser", "trial", "value", "time", "cycle"),
+        ("part", "appraiser", "trial", "value", "time (UTC)", "cycle"),
         [
             (
                 row.part, row.appraiser, str(row.trial), f"{float(row.value):.6g}",
-                "" if row.utc is None else f"{row.utc:%Y-%m-%d %H:%M:%S}",
+                "" if row.utc is None else f"{row.utc.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
                 str(cycles[row.part, row.appraiser, row.trial] or ""),
             )
             for row in source.rows[:_LONGEST_RAW]
