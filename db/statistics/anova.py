@@ -57,9 +57,10 @@ class OneWay:
     n0: float
 
     @property
-    def r_squared(self) -> float:
-        """Share of the sum of squares that the factor explains."""
-        return self.between.squares / (self.between.squares + self.within.squares)
+    def r_squared(self) -> float | None:
+        """Share of the sum of squares that the factor explains; None where there is nothing to explain."""
+        total = self.between.squares + self.within.squares
+        return self.between.squares / total if total > 0.0 else None
 
     @property
     def residual_deviation(self) -> float:

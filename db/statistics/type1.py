@@ -40,7 +40,7 @@ class Type1Result:
     bias_p
         Chance probability of such a bias of an unbiased gauge (t test); None when nothing varied.
     least_tolerance
-        Narrowest tolerance for which Cgk reaches the limit.
+        Narrowest tolerance for which Cgk reaches the limit; None when nothing varied.
     resolution_percent
         Resolution over tolerance; at most 5 % is asked. None where not given.
     """
@@ -55,7 +55,7 @@ class Type1Result:
     cg: float | None
     cgk: float | None
     bias_p: float | None
-    least_tolerance: float
+    least_tolerance: float | None
     resolution_percent: float | None
 
     @property
@@ -122,6 +122,6 @@ def type1(
         cg=share * tolerance / (spread * s) if varied else None,
         cgk=(share / 2 * tolerance - bias) / (spread / 2 * s) if varied else None,
         bias_p=float(2 * stats.t.sf(bias / (s / math.sqrt(found.n)), found.n - 1)) if varied else None,
-        least_tolerance=(least * spread / 2 * s + bias) * 2 / share,
+        least_tolerance=(least * spread / 2 * s + bias) * 2 / share if varied else None,
         resolution_percent=None if resolution is None else 100.0 * resolution / tolerance,
     )

@@ -193,7 +193,7 @@ def analyse_type1(
         "standard_deviation": found.deviation,
         "bias": found.bias,
         "bias_p": _number(found.bias_p),
-        "least_tolerance": found.least_tolerance,
+        "least_tolerance": _number(found.least_tolerance),
     }
     goals = [Goal("cg", "at_least", LEAST_CG), Goal("cgk", "at_least", LEAST_CG)]
     if found.resolution_percent is not None:
@@ -341,8 +341,8 @@ def analyse_budget(
         "u_ms": found.u_ms,
         "u_mp": found.u_mp,
         "expanded_uncertainty": coverage_factor * found.u_mp,
-        "least_tolerance_ms": found.least_tolerance_ms,
-        "least_tolerance_mp": found.least_tolerance_mp,
+        "least_tolerance_ms": found.least_tolerance_ms if found.spread_seen else math.nan,
+        "least_tolerance_mp": found.least_tolerance_mp if found.spread_seen else math.nan,
     }
     assessment = (
         f"Q_MS {found.q_ms:.1f} % (limit {LIMIT_MS:g}), Q_MP {found.q_mp:.1f} % (limit {LIMIT_MP:g}): "

@@ -80,6 +80,7 @@ def test_type_1_by_hand() -> None:
     assert found.resolution_percent == pytest.approx(1.0)
     assert found.bias_p is not None
     assert found.bias_p < 0.01
+    assert found.least_tolerance is not None
     again = type1(values, 5.0, found.least_tolerance)
     assert again.cgk == pytest.approx(1.33)
 

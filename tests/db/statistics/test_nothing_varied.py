@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from db.statistics.anova import one_way
 from db.statistics.budget import Component, budget
 from db.statistics.capability import LEAST_CPK, capability, judged, normality_p, quantile_performance
 from db.statistics.charts import Baseline, control_chart
@@ -60,7 +61,8 @@ def test_gauge_that_never_repeats_differently_shows_no_repeatability(method: Grr
 @pytest.mark.parametrize("value", STUCK)
 def test_stuck_master_has_neither_index_nor_test(value: float) -> None:
     found = type1([value] * 25, 0.2, 1.0)
-    assert (found.cg, found.cgk, found.bias_p, found.deviation) == (None, None, None, 0.0)
+    assert (found.cg, found.cgk, found.bias_p, found.least_tolerance) == (None, None, None, None)
+    assert found.deviation == 0.0
     one = bias([value] * 5, 0.2)
     assert (one.t, one.p, one.significant) == (None, None, None)
 
@@ -175,6 +177,11 @@ def test_spread_within_subgroups_that_is_none_is_no_verdict() -> None:
     assert judged(found).judgement is Judgement.NONE
 
 
+def test_factor_of_a_dead_gauge_explains_nothing() -> None:
+    found = one_way([[0.1, 0.1], [0.1, 0.1, 0.1]])
+    assert (found.r_squared, found.between.f, found.between.p) == (None, None, None)
+
+
 def test_budget_of_nothing_is_not_capable() -> None:
     """Contributions of zero gave Q_MS 0 %: capable."""
     nothing = [Component(kind, 0.0) for kind in (Contribution.RESOLUTION, Contribution.CALIBRATION)]
@@ -193,3 +200,6 @@ def test_step_of_a_coarse_display_is_found_and_that_of_a_fine_one_is_not_called_
     assert coarse_step(np.round(fine, 3)) is None
     assert coarse_step(0.1 + np.round((fine - 0.1) / 0.03) * 0.03) == pytest.approx(0.03)
     assert coarse_step([0.1] * 50) is None
+    # The step between neighbours, not the largest gap: one value far away makes no display coarse.
+    assert coarse_step([*np.round(fine, 3), 5.0]) is None
+    assert coarse_step([0.0] * 9 + [1.0] * 9 + [3.0]) == pytest.approx(1.0)

@@ -142,6 +142,7 @@ def test_budget_of_equal_readings_is_no_budget(tmp_path: Path, run: Run) -> None
     command = ("gauge", "budget", "--tolerance", "0.5", "--type1-file", stuck, "--json")
     status, out, _ = run(*command)
     assert (status, json.loads(out)["verdict"], json.loads(out)["figures"]["q_ms"]) == (1, "no verdict", None)
+    assert json.loads(out)["figures"]["least_tolerance_ms"] is None
     status, out, _ = run(*command, "--resolution", "0.001")
     assert (status, json.loads(out)["verdict"]) == (0, "shown")
     nothing = study(tmp_path, "b.csv", ["contribution,u", "CAL,0", "T,0"])
