@@ -1,7 +1,7 @@
 """Which files are worth opening: ordinary ones, not larger than their kind can be.
 
-A pipe never ends, a device neither, and opening one may wait for ever or do something to a machine. Here is only
-the judgement, from what the system says of a file; whoever reads one asks before opening it.
+A pipe never ends, a device neither, and opening one may wait for ever or do something to a machine. Here is
+only the judgement, from what the system says of a file; whoever reads one asks before opening it.
 """
 
 from __future__ import annotations

@@ -406,6 +406,8 @@ class ZeroRecord:
     camber_u, toe_u, correlation
         Standard uncertainties, radians (greater than zero), and correlation of measured less certified camber
         and toe, without the calibration's share.
+    forced_reason
+        Why it was stored although larger than what the station believes; None when it was not.
     """
 
     id: str
@@ -423,6 +425,7 @@ class ZeroRecord:
     toe_u: float
     correlation: float
     software_version: str
+    forced_reason: str | None = None
 
     def __post_init__(self) -> None:
         check_values(self)

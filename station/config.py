@@ -196,6 +196,18 @@ class MeasureOptions(StrictModel):
         )
 
 
+class ZeroOptions(StrictModel):
+    """What is believed of a zero measurement."""
+
+    largest_arcmin: float = Field(
+        default=10.0,
+        gt=0,
+        le=120,
+        description="Largest measured less certified angle of a master wheel that is stored without a reason, "
+        "arcminutes",
+    )
+
+
 class RecordedOptions(StrictModel):
     """Cameras that play recorded shots."""
 
@@ -268,6 +280,7 @@ class StationConfig(StrictModel):
     cycle: CycleSettings = Field(default=CycleSettings(), description="Bounds of one measuring cycle")
     cameras: CameraOptions = Field(default=CameraOptions(), description="What every camera is told")
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
+    zero: ZeroOptions = Field(default=ZeroOptions(), description="What is believed of a zero measurement")
     rigs: tuple[RigSettings, ...] = Field(min_length=1, max_length=16, description="One per wheel position")
 
     @model_validator(mode="after")

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.calibration.prediction import angle_covariance
-from alignment.errors import DegenerateInputError
+from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
 from alignment.values import MeasureSettings, Refusal, RigCalibration, Side
 from alignment.wheel.zero import ZeroCorrection, zero_correction
 from db.records import ZeroRecord
 from sensors.formats import read_shot
+
+LARGEST_ZERO = math.radians(10.0 / 60.0)
+"""Largest zero value that is believed unless the station says otherwise, radians."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +39,47 @@ class MasterWheel:
 
 
 def measure_zero(
-    shots: Sequence[Path], calibration: RigCalibration, settings: MeasureSettings, master: MasterWheel
+    shots: Sequence[Path],
+    calibration: RigCalibration,
+    settings: MeasureSettings,
+    master: MasterWheel,
+    largest: float = LARGEST_ZERO,
+    forced_reason: str | None = None,
 ) -> ZeroRecord | Refusal:
     """Measure a master wheel: its tyre plane from one shot, or its spin axis from eight or more.
 
     The covariance leaves the calibration's share out: it is common to the master and to every wheel after it,
     whose own uncertainty counts it.
 
+    Parameters
+    ----------
+    shots
+        Folders.
+    calibration, settings
+        Of the rig, and of the measurement.
+    master
+        What is certified.
+    largest
+        Largest believable zero value, measured less certified, of each angle, radians.
+    forced_reason
+        Why a larger one shall count all the same; recorded where it is larger. None to refuse it.
+
     Raises
     ------
     FormatError
         When a shot cannot be read.
+    ConfigurationError
+        When a zero value, or the certificate's uncertainty, is larger than what is believed.
     DegenerateInputError
-        When the certified angles are far from what was measured.
+        When the certified angles are farther from what was measured than any wheel can be, forced or not.
     """
+    if 2.0 * master.u > largest and forced_reason is None:
+        raise ConfigurationError(
+            field="--certified-u95",
+            expected=f"an expanded uncertainty below the largest believable zero value, {_arcmin(largest)}",
+            seen=_arcmin(2.0 * master.u),
+            cure="Check the unit in the certificate: degrees are asked for",
+        )
     recorded = [read_shot(shot, calibration) for shot in shots]
     images = [shot.images for shot in recorded]
     found = (
@@ -67,6 +97,9 @@ def measure_zero(
             f"{math.degrees(found.camber):.3f}° and toe {math.degrees(found.toe):.3f}°",
             seen=f"camber {math.degrees(master.camber):.3f}°, toe {math.degrees(master.toe):.3f}°",
         )
+    believed = off <= largest and 2.0 * master.u <= largest
+    if off > largest and forced_reason is None:
+        raise _unbelievable((found.camber, found.toe), master, largest)
     covariance = found.angle_covariance + master.u**2 * np.eye(2)
     if calibration.covariance is not None:
         covariance = covariance - angle_covariance(calibration)
@@ -87,7 +120,40 @@ def measure_zero(
         toe_u=toe_u,
         correlation=float(np.clip(covariance[0, 1] / (camber_u * toe_u), -1.0, 1.0)),
         software_version=version("truewheel"),
+        forced_reason=None if believed else forced_reason,
     )
+
+
+def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: float) -> ConfigurationError:
+    """Say by how much the master is off its certificate, and which slip of the pen would explain it."""
+    cure = "Check master wheel, certificate and calibration"
+    for explanation, certified in (
+        ("the opposite sign of the camber", (-master.camber, master.toe)),
+        ("the opposite sign of the toe", (master.camber, -master.toe)),
+        ("both signs turned round", (-master.camber, -master.toe)),
+        ("camber and toe exchanged", (master.toe, master.camber)),
+        ("arcminutes taken for degrees", (master.camber / 60.0, master.toe / 60.0)),
+    ):
+        if max(abs(m - c) for m, c in zip(measured, certified, strict=True)) <= largest:
+            cure = f"It would fit with {explanation}: check the certificate"
+            break
+    seen = [
+        f"{name} {math.degrees(certified):.3f}°, {_arcmin(found - certified, '+')} off"
+        for name, found, certified in zip(
+            ("camber", "toe"), measured, (master.camber, master.toe), strict=True
+        )
+    ]
+    return ConfigurationError(
+        field="--camber, --toe",
+        expected=f"certified angles within {_arcmin(largest)} of the measured camber "
+        f"{math.degrees(measured[0]):.3f}° and toe {math.degrees(measured[1]):.3f}°",
+        seen=", ".join(seen),
+        cure=f"{cure}. To store it all the same, add --force with --reason, which is recorded",
+    )
+
+
+def _arcmin(angle: float, sign: str = "") -> str:
+    return f"{60.0 * math.degrees(angle):{sign}.4g}′"
 
 
 def correction_of(record: ZeroRecord, side: Side) -> ZeroCorrection:

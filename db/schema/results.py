@@ -105,6 +105,8 @@ zero_measurements = Table(
     Column("correlation", Double, nullable=False),
     Column("software_version", Text, nullable=False),
     Column("stored_utc", UtcDateTime, nullable=False),
+    # Why it counts although larger than what the station believes; null for all others.
+    Column("forced_reason", Text),
     check("id_not_empty", "id <> ''"),
     check("rig_not_empty", "rig <> ''"),
     check("shots_positive", "shots > 0"),

@@ -41,23 +41,45 @@ def measure_command(
     ] = 0.0,
     master: Annotated[str, typer.Option(help="Name of the master wheel.")] = "master wheel",
     config: Annotated[
-        Path | None, typer.Option(help="Station's configuration whose [measure] counts.", show_default=False)
+        Path | None,
+        typer.Option(help="Station's configuration whose [measure] and [zero] count.", show_default=False),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Store it though it is larger than what is believed.")
+    ] = False,
+    reason: Annotated[str, typer.Option(help="Why it is forced, for the record.", show_default=False)] = "",
     as_json: JsonFlag = False,
 ) -> None:
-    """Measure a master wheel and store the zero measurement; exit status 1 when it is refused."""
+    """Measure a master wheel and store the zero measurement; exit status 1 when the images are refused.
+
+    A zero value larger than what [zero] believes, 10′ by default, is not stored unless it is forced.
+    """
+    from alignment.errors import ConfigurationError
     from alignment.values import MeasureSettings, Refusal
     from db.records import CalibrationRecord
     from db.store import ResultStore
     from sensors.formats import read_calibration_file
     from station.config import read_configuration
-    from station.zero import MasterWheel, measure_zero
+    from station.zero import LARGEST_ZERO, MasterWheel, measure_zero
 
-    settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
+    if force != bool(reason.strip()):
+        raise ConfigurationError(
+            field="--force, --reason",
+            expected="both or neither: a forced zero measurement says why",
+            seen="--force alone" if force else "--reason alone",
+            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
+        )
+    settings, largest = MeasureSettings(), LARGEST_ZERO
+    if config is not None:
+        station = read_configuration(config).settings
+        settings = station.measure.settings()
+        largest = math.radians(station.zero.largest_arcmin / 60.0)
     file = read_calibration_file(calibration)
     wheel = MasterWheel(master, math.radians(camber), math.radians(toe), math.radians(certified_u95) / 2.0)
     with ResultStore(database) as store:
-        found = measure_zero(shots, file.calibration(), settings, wheel)
+        found = measure_zero(
+            shots, file.calibration(), settings, wheel, largest, reason.strip() if force else None
+        )
         if isinstance(found, Refusal):
             if as_json:
                 print_json({"outcome": "refused", "reason": found.reason, "reason_code": str(found.code)})
@@ -137,6 +159,7 @@ def _as_json(record: ZeroRecord) -> dict[str, Any]:
         "certified_toe_deg": math.degrees(record.certified_toe),
         "camber_u95_deg": 2.0 * math.degrees(record.camber_u),
         "toe_u95_deg": 2.0 * math.degrees(record.toe_u),
+        "forced_reason": record.forced_reason,
     }
 
 
@@ -167,4 +190,5 @@ def _line(record: ZeroRecord) -> str:
     return (
         f"{record.measured_utc:%Y-%m-%d %H:%M} {record.rig}, {record.master}, measured less certified camber "
         f"{off[0]:+.3f}′, toe {off[1]:+.3f}′, calibration {record.calibration_id}"
+        + ("" if record.forced_reason is None else f", FORCED: {record.forced_reason}")
     )

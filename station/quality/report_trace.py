@@ -128,6 +128,7 @@ def _explaining(history: VinHistory) -> list[Section]:
         {
             "zero": zero.record.id, "rig": zero.record.rig, "measured": shown_time(zero.record.measured_utc),
             "master": zero.record.master,
+            "forced": zero.record.forced_reason,
             "revoked": None if zero.revocation is None else zero.revocation.reason,
         }
         for zero in history.zeros.values()

@@ -78,7 +78,9 @@ def fill(url: str, revision: str) -> None:
         if revision >= "0002":
             connection.execute(calibration_checks.insert().values(**flat_values(check()), **stored))
         if revision >= "0003":
-            connection.execute(zero_measurements.insert().values(**flat_values(zero()), **stored))
+            # The reason of a forced one came later.
+            values = {key: value for key, value in flat_values(zero()).items() if key != "forced_reason"}
+            connection.execute(zero_measurements.insert().values(**values, **stored))
             connection.execute(zero_revocations.insert().values(**flat_values(revocation()), **stored))
         if revision >= "0004":
             planned, kept = study(), shot(RECORDS[0].uuid)

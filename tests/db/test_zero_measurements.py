@@ -46,6 +46,13 @@ def test_a_revoked_one_gives_way_to_the_one_before_and_stays_stored(store: Resul
     assert store.counts()["zero_measurements"] == store.counts()["zero_revocations"] == 2
 
 
+def test_a_forced_one_comes_back_with_its_reason(store: ResultStore) -> None:
+    record = zero(forced_reason="the rig was turned on purpose")
+    store.record_zero(record)
+    assert [kept.record for kept in store.zeros()] == [record]
+    assert store.zeros_in_force() == (record,)
+
+
 def test_what_does_not_fit_is_refused(store: ResultStore) -> None:
     store.record_zero(zero())
     with pytest.raises(StoreError, match="another zero measurement zero-1"):

@@ -1,7 +1,7 @@
 """Pipes, devices, sockets, folders and files without an end, given to every verb in place of a file.
 
-A pipe was opened and waited for a writer for ever (`db check`, a log of CAN frames); a file of 20 GB was read until
-the memory was full.
+A pipe was opened and waited for a writer for ever (`db check`, a log of CAN frames); a file of 20 GB was
+read until the memory was full.
 """
 
 from __future__ import annotations

@@ -1,0 +1,12 @@
+"""Zero measurements say why they were stored although larger than what is believed."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0010"
+down_revision = "0006"
+
+
+def upgrade() -> None:
+    """Add the reason; what is stored has none."""
+    op.add_column("zero_measurements", sa.Column("forced_reason", sa.Text(), nullable=True))
