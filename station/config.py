@@ -203,7 +203,7 @@ class ZeroOptions(StrictModel):
         default=10.0,
         gt=0,
         le=120,
-        description="Largest measured less certified angle of a master wheel that is stored without a reason, "
+        description="Largest measured less certified angle of a master wheel that needs no reason, "
         "arcminutes",
     )
 
