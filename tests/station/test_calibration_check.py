@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from alignment.calibration.check import CameraChange, PlateCheck, check_with_plate
 from alignment.calibration.observations import CalibrationInput
 from alignment.geometry.cameras import PosedCamera
 from alignment.values import (
@@ -27,7 +28,13 @@ from db.store import ResultStore
 from sensors.formats import CalibrationFile, read_calibration_file, read_plate, write_calibration
 from sensors.formats.plate_session import write_plate_session
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
-from station.calibration_check import CheckLimits, MasterWheel, accept_calibration, judge_master
+from station.calibration_check import (
+    CheckLimits,
+    MasterWheel,
+    accept_calibration,
+    judge_master,
+    judge_plate,
+)
 from station.cli import main
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
 from tests.station.calibrations import true_rig
@@ -145,6 +152,93 @@ def measured(camber: float, toe: float) -> WheelMeasurement:
         heads=(HeadQuality("head_1", 1000, 1000, 0.02),),
         method="tyre_plane/revolution",
     )
+
+
+def judged_master(camber_off: float, toe_off: float, u: tuple[float, float] = (0.02, 0.02)) -> CheckOutcome:
+    """Verdict on a master wheel measured so many arcminutes beside its certificate."""
+    found = replace(
+        measured(0.01 + camber_off * ARCMIN, -0.002 + toe_off * ARCMIN),
+        angle_covariance=np.diag(np.square(u)) * ARCMIN**2,
+    )
+    return judge_master(found, MasterWheel(0.01, -0.002), CheckLimits())[0]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_master_wheel_is_judged_by_each_of_its_angles(which: int, sign: float) -> None:
+    """It was judged by toe alone where no test held camber beside its certificate."""
+    # √(0.2² + (2 · 0.02)²)′ = 0.20396′ are allowed.
+    for size, expected in ((0.2035, CheckOutcome.WITHIN), (0.2045, CheckOutcome.OUT)):
+        off = [0.0, 0.0]
+        off[which] = sign * size
+        assert judged_master(*off) is expected
+    # Its own uncertainty counts, twice and not the other angle's.
+    u = [0.001, 0.001]
+    u[which] = 0.2
+    off = [0.0, 0.0]
+    off[which] = sign * 0.44
+    assert judged_master(*off, (u[0], u[1])) is CheckOutcome.WITHIN
+    off[which] = sign * 0.45
+    assert judged_master(*off, (u[0], u[1])) is CheckOutcome.OUT
+    off = [0.0, 0.0]
+    off[1 - which] = sign * 0.21
+    assert judged_master(*off, (u[0], u[1])) is CheckOutcome.OUT
+
+
+def judged_plate(
+    camber: float = 0.0, toe: float = 0.0, seen: float = 0.05, left: float = 0.05
+) -> tuple[CheckOutcome, str]:
+    """Verdict where one camera stands out, angles in arcminutes, residuals before and after in pixels."""
+
+    def change(side: str, rms_px: float, rms_left_px: float) -> CameraChange:
+        none = (0.0, 0.0, 0.0)
+        return CameraChange(("head_1", side), 100, rms_px, (0.0, 0.0), none, none, rms_left_px)
+
+    cameras = (change("left", 0.05, 0.05), change("right", seen, left))
+    return judge_plate(PlateCheck(cameras, seen, left, camber * ARCMIN, toe * ARCMIN), CheckLimits())
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("which", ["camber", "toe"])
+def test_a_plate_is_judged_by_each_angle_to_a_fifth_of_an_arcminute(which: str, sign: float) -> None:
+    """It was judged without toe where no test changed toe alone."""
+    assert judged_plate(**{which: sign * 0.199})[0] is CheckOutcome.WITHIN
+    outcome, reason = judged_plate(**{which: sign * 0.201})
+    assert outcome is CheckOutcome.OUT
+    assert f"{which} by {sign * 0.201:+.3f}′" in reason
+    assert "allowed is ±0.200′" in reason
+
+
+def test_a_lens_is_judged_by_what_is_left_once_its_camera_is_put_right() -> None:
+    """A camera that moved without harm to the angles has large residuals and a good lens."""
+    assert judged_plate(seen=5.0, left=0.199)[0] is CheckOutcome.WITHIN
+    outcome, reason = judged_plate(seen=5.0, left=0.201)
+    assert outcome is CheckOutcome.OUT
+    assert "the marks of head_1 right do not fit, wherever it stands (0.201 px RMS, allowed 0.200)" in reason
+    # What moved is named by what was seen, not by what is left.
+    outcome, reason = judged_plate(toe=0.3, seen=2.0, left=0.01)
+    assert "head_1 right (2.000 px RMS)" in reason
+
+
+@pytest.mark.parametrize("cause", ["lens", "turn"])
+def test_a_changed_lens_and_a_turned_camera_are_told_apart(cause: str) -> None:
+    true = true_rig()
+    first, *rest = true.heads
+    if cause == "lens":
+        model = first.right.model
+        changed = replace(first.right, model=replace(model, fx=1.004 * model.fx))
+    else:
+        turn = np.array([2e-3, 0.0, 0.0])
+        changed = replace(
+            first.right, rig_from_camera=first.right.rig_from_camera.perturbed(turn, np.zeros(3))
+        )
+    seen = replace(true, heads=(replace(first, right=changed), *rest))
+    data = observe(cameras_of(seen), square_plate(), STAGES[:3], np.random.default_rng(6)).data
+    found = check_with_plate(data, true)
+    outcome, reason = judge_plate(found, CheckLimits())
+    assert outcome is CheckOutcome.OUT
+    assert "head_1 right" in reason
+    assert ("its lens was changed" in reason) == (cause == "lens")
 
 
 @pytest.mark.parametrize(("off", "outcome"), [(0.15, CheckOutcome.WITHIN), (0.25, CheckOutcome.OUT)])
