@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.calibration.knocks import knock_model
 from alignment.calibration.prediction import angle_covariance, predicted_misfits
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import level_share
@@ -18,6 +19,7 @@ from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.overlap import shared_views
 from alignment.stereo.pool import PointPool
 from alignment.stereo.rectification import epipolar_directions
+from alignment.stereo.rows import row_fields
 from alignment.stereo.surface import plane_hypotheses
 from alignment.values import (
     HeadCalibration,
@@ -31,7 +33,8 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
-from alignment.wheel.agreement import head_misfits, head_sums
+from alignment.wheel.agreement import head_moves, head_sums
+from alignment.wheel.judgement import KNOCKED, Judgement, judge
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
@@ -109,7 +112,7 @@ def _measure(
 ) -> WheelMeasurement | Refusal:
     every = [image for pair in images for image in (pair.left, pair.right)]
     views = shared_views(calibration, settings.depth_range_mm)
-    found_lines = iter(extract_many(every, epipolar_directions(calibration), views, with_crosses=False))
+    found_lines = iter(extract_many(every, epipolar_directions(calibration), views))
     lines: list[tuple[LightLines, LightLines]] = []
     for pair, head in zip(images, calibration.heads, strict=True):
         left, right = next(found_lines), next(found_lines)
@@ -135,7 +138,7 @@ def _measure(
             "the points of the heads do not lie around one axis; check that the wheel stands in the "
             "measuring volume and that nothing else is in view",
         )
-    return _evaluate(matched, surface, calibration, settings)
+    return _evaluate(lines, matched, surface, calibration, settings)
 
 
 def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
@@ -199,37 +202,17 @@ def _full_scale_share(image: Image, lines: LightLines) -> float:
 
 
 def _evaluate(
+    lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     surface: WheelSurface,
     calibration: RigCalibration,
     settings: MeasureSettings,
 ) -> WheelMeasurement | Refusal:
     fit, pool = surface.fit, surface.points
-    head, used = pool.head, fit.weights > 0
-    numbers, weights, misfit = head_sums(head, len(matched), fit.weights, fit.residuals)
-    qualities = []
-    for k, (candidates, camera_pair) in enumerate(zip(matched, calibration.heads, strict=True)):
-        count = int(numbers[k])
-        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
-            return Refusal(
-                RefusalCode.TOO_FEW_POINTS,
-                f"{camera_pair.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
-                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
-                "obstacle, or a head that moved since its calibration",
-                camera_pair.name,
-            )
-        own_rms = math.sqrt(misfit[k] / weights[k]) if weights[k] > 0.0 else 0.0
-        qualities.append(HeadQuality(camera_pair.name, count, candidates.offered, own_rms))
-    share = sum(quality.points for quality in qualities) / sum(
-        quality.points_offered for quality in qualities
-    )
-    if share < _LEAST_OF_ALL:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
-            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
-            "the calibration is the rig's",
-        )
+    numbers, weights, misfit = head_sums(pool.head, len(matched), fit.weights, fit.residuals)
+    wrong = _too_few(numbers, matched, calibration, settings)
+    if wrong is not None:
+        return wrong
     rms = math.sqrt(misfit.sum() / weights.sum())
     if rms > _WORST_RMS:
         return Refusal(
@@ -237,7 +220,8 @@ def _evaluate(
             f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
             "check the calibration and what stands in front of the heads",
         )
-    misfits = head_misfits(pool.points, head, len(matched), fit)
+    moves = head_moves(pool.points, pool.head, len(matched), fit)
+    misfits = moves.misfits()
     limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
     worst = int((misfits - limits).argmax())
     if misfits[worst] > limits[worst]:
@@ -249,18 +233,10 @@ def _evaluate(
             "check that it has not been knocked, and calibrate again",
             name,
         )
-    normal, covariance, tilt_axes = fit.normal, fit.covariance, fit.tilt_axes
-    if settings.method == "plane":
-        plane = fit_plane(pool.points[used], pool.cluster[used], fit.normal)
-        normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
-        rms = _rms(plane)
-    elif settings.method == "ridges":
-        try:
-            plane = fit_ridges(pool.points, head, pool.line, fit, len(matched))
-        except DegenerateInputError as error:
-            return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
-        normal, covariance, tilt_axes = plane.normal, plane.covariance, plane.tilt_axes
-        rms = _rms(plane)
+    try:
+        normal, covariance, tilt_axes, rms = _plane(surface, rms, len(matched), settings)
+    except DegenerateInputError as error:
+        return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
     mean = np.einsum("i,ij->j", fit.weights, pool.points) / fit.weights.sum()
     centre = fit.centre + float((mean - fit.centre) @ normal) * normal
     rotation = calibration.vehicle_from_rig.rotation
@@ -276,20 +252,126 @@ def _evaluate(
         )
     if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
         return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
-    turn = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation @ tilt_axes.T
+    by_normal = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation
+    judgement = judge(
+        moves,
+        math.sqrt(misfit.sum() / weights.sum()),
+        row_fields(lines, matched, surface.chosen, calibration.heads),
+        knock_model(calibration),
+        fit.normal,
+        by_normal @ fit.tilt_axes.T,
+    )
+    if judgement.knocked:
+        return _knocked(judgement, calibration)
+    turn = by_normal @ tilt_axes.T
     noise = turn @ covariance @ turn.T
     return WheelMeasurement(
         camber=camber,
         toe=toe,
-        angle_covariance=noise + _from_calibration(calibration),
+        angle_covariance=noise + _from_calibration(calibration) + judgement.covariance,
         normal=normal,
         centre=centre,
         offset_mm=float(centre @ normal),
-        points_used=int(used.sum()),
+        points_used=int(np.count_nonzero(fit.weights > 0)),
         residual_rms_mm=rms,
-        heads=tuple(qualities),
+        heads=_qualities(numbers, weights, misfit, matched, judgement, calibration),
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
+        knock_evidence=judgement.evidence,
+        warning=_warning(judgement, calibration) if judgement.suspected else None,
+    )
+
+
+def _too_few(
+    numbers: Array, matched: list[Candidates], calibration: RigCalibration, settings: MeasureSettings
+) -> Refusal | None:
+    """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
+    for number, candidates, head in zip(numbers, matched, calibration.heads, strict=True):
+        count = int(number)
+        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
+            return Refusal(
+                RefusalCode.TOO_FEW_POINTS,
+                f"{head.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
+                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
+                "obstacle, or a head that moved since its calibration",
+                head.name,
+            )
+    share = int(numbers.sum()) / sum(candidates.offered for candidates in matched)
+    if share < _LEAST_OF_ALL:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
+            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
+            "the calibration is the rig's",
+        )
+    return None
+
+
+def _plane(
+    surface: WheelSurface, rms: float, heads: int, settings: MeasureSettings
+) -> tuple[Array, Array, Array, float]:
+    """Normal, covariance of its tilts, their axes, and RMS of the residuals, by the chosen method."""
+    fit, pool = surface.fit, surface.points
+    if settings.method == "revolution":
+        return fit.normal, fit.covariance, fit.tilt_axes, rms
+    if settings.method == "plane":
+        used = fit.weights > 0
+        plane = fit_plane(pool.points[used], pool.cluster[used], fit.normal)
+    else:
+        plane = fit_ridges(pool.points, pool.head, pool.line, fit, heads)
+    return plane.normal, plane.covariance, plane.tilt_axes, _rms(plane)
+
+
+def _qualities(
+    numbers: Array,
+    weights: Array,
+    misfit: Array,
+    matched: list[Candidates],
+    judgement: Judgement,
+    calibration: RigCalibration,
+) -> tuple[HeadQuality, ...]:
+    out = []
+    for k, (candidates, head) in enumerate(zip(matched, calibration.heads, strict=True)):
+        row, sigma = float(judgement.row_px[k]), float(judgement.row_sigma_px[k])
+        out.append(
+            HeadQuality(
+                name=head.name,
+                points=int(numbers[k]),
+                points_offered=candidates.offered,
+                residual_rms_mm=math.sqrt(misfit[k] / weights[k]) if weights[k] > 0.0 else 0.0,
+                row_px=None if math.isnan(row) else row,
+                row_sigma_px=None if math.isnan(sigma) else sigma,
+            )
+        )
+    return tuple(out)
+
+
+def _seen(judgement: Judgement) -> str:
+    """Figures of a judgement, in words."""
+    row, sigma = judgement.row_px[judgement.head], judgement.row_sigma_px[judgement.head]
+    rows = f"its rows differ by {row:.2f} px, noise and calibration make {sigma:.2f}"
+    if math.isnan(row):
+        rows = "too few crosses of light lines for its rows"
+    return f"evidence {judgement.evidence or 0.0:.0f}, refused above {KNOCKED:.0f}; {rows}"
+
+
+def _knocked(judgement: Judgement, calibration: RigCalibration) -> Refusal:
+    name = calibration.heads[judgement.head].name
+    return Refusal(
+        RefusalCode.HEAD_MOVED,
+        f"{name} does not fit its calibration and the other heads: a movement of {judgement.suspect} would "
+        f"explain it ({_seen(judgement)}); check that it has not been knocked and that all images are of one "
+        "exposure, and calibrate again",
+        name,
+    )
+
+
+def _warning(judgement: Judgement, calibration: RigCalibration) -> str:
+    camber, toe = (60.0 * math.degrees(angle) for angle in judgement.angles)
+    return (
+        f"{calibration.heads[judgement.head].name} is suspect: a movement of {judgement.suspect} would "
+        f"explain the shot ({_seen(judgement)}) and change camber by {camber:+.2f}′ and toe by {toe:+.2f}′, "
+        "which the uncertainty covers; check the calibration"
     )
 
 

@@ -196,12 +196,29 @@ class Refusal:
 
 @dataclass(frozen=True)
 class HeadQuality:
-    """What one head contributed: points used and offered, RMS of its residuals in millimetres."""
+    """What one head contributed, and whether its cameras still see along the same rows.
+
+    Attributes
+    ----------
+    name
+        Of the head.
+    points, points_offered
+        Line points used, and those that cross the epipolar lines well enough.
+    residual_rms_mm
+        RMS of its residuals, millimetres.
+    row_px
+        Epipolar residual: RMS over the view of the smooth part of the row differences of crosses of light
+        lines, pixels; None where too few crosses were seen.
+    row_sigma_px
+        What noise and calibration make of it, one standard deviation.
+    """
 
     name: str
     points: int
     points_offered: int
     residual_rms_mm: float
+    row_px: float | None = None
+    row_sigma_px: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +254,12 @@ class WheelMeasurement:
         k of `camber_u95` and `toe_u95`.
     degraded
         True when a head was lost and the others measured alone.
+    knock_evidence
+        2 ln of the evidence that a camera or head moved since its calibration, or that pictures are mixed,
+        over that nothing did: about −5 on an intact rig, above 0 suspect, above 20 refused; None where it was
+        not judged.
+    warning
+        What is suspect, in words, and what to do; None where nothing is. The uncertainty then covers it.
     """
 
     camber: float
@@ -251,6 +274,8 @@ class WheelMeasurement:
     method: str
     coverage_factor: float = 2.0
     degraded: bool = False
+    knock_evidence: float | None = None
+    warning: str | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

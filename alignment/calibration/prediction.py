@@ -270,7 +270,7 @@ def _derivatives(inside: Array, rotation: Array, packed: Array) -> tuple[Array, 
 
 def _ray_sensitivity(head: HeadCalibration, points: Array) -> Array:
     """(N, 3, P) movement of points triangulated from both rays, per change of the head's parameters."""
-    by_point, by_camera = _stacked(head, points)
+    by_point, by_camera = head_derivatives(head, points)
     inverse = np.linalg.inv(by_point.transpose(0, 2, 1) @ by_point)
     out: Array = -inverse @ by_point.transpose(0, 2, 1) @ by_camera
     return out
@@ -278,7 +278,7 @@ def _ray_sensitivity(head: HeadCalibration, points: Array) -> Array:
 
 def line_sensitivity(head: HeadCalibration, points: Array) -> Array:
     """(N, 3, P) movement of points where a left ray meets a right light line across the epipolar lines."""
-    by_point, by_camera = _stacked(head, points)
+    by_point, by_camera = head_derivatives(head, points)
     base = head.right.rig_from_camera.translation - head.left.rig_from_camera.translation
     along = by_point[:, 2:] @ base
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -292,7 +292,7 @@ def line_sensitivity(head: HeadCalibration, points: Array) -> Array:
     return out
 
 
-def _stacked(head: HeadCalibration, points: Array) -> tuple[Array, Array]:
+def head_derivatives(head: HeadCalibration, points: Array) -> tuple[Array, Array]:
     """(N, 4, 3) and (N, 4, P) derivatives of left and right pixels by the point and by the head's cameras."""
     (left_point, left), (right_point, right) = (camera_derivatives(c, points) for c in head.cameras)
     by_camera = np.zeros((len(points), 4, left.shape[2] + right.shape[2]))

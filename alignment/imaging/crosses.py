@@ -33,20 +33,26 @@ class Crosses:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _reaches(table: Array, first: int, last: int, at: float) -> int:
+    """First row of a chain, which runs along column 1, that is not before `at`."""
+    lo, hi = first, last
+    while lo < hi:
+        middle = (lo + hi) // 2
+        if table[middle, 1] < at:
+            lo = middle + 1
+        else:
+            hi = middle
+    return lo
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_side(
     table: Array, first: int, last: int, at: float, inner: float, outer: float
 ) -> tuple[float, float, int]:
     """Straight line x = a + b (y − at) through chain points with inner ≤ |y − at| ≤ outer: a, b, points."""
     n = 0
     sy = sx = syy = sxy = 0.0
-    lo, hi = first, last  # the chain runs along column 1: find where it comes within reach
-    while lo < hi:
-        middle = (lo + hi) // 2
-        if table[middle, 1] < at - outer:
-            lo = middle + 1
-        else:
-            hi = middle
-    for i in range(lo, last):
+    for i in range(_reaches(table, first, last, at - outer), last):
         dy = table[i, 1] - at
         if dy > outer:
             break
@@ -66,12 +72,19 @@ def _fit_side(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def find_crosses(
-    steep: Array, steep_starts: Index, flat: Array, flat_starts: Index, width: float, out: Array
+    steep: Array,
+    steep_starts: Index,
+    flat: Array,
+    flat_starts: Index,
+    inner: float,
+    steep_reach: float,
+    flat_reach: float,
+    out: Array,
 ) -> int:
     """Crosses of steep chains with flat ones; returns how many were written to `out`.
 
-    Each cross is the meeting of two straight lines fitted to the points on both sides of it; the points
-    nearer than 2.5 line widths, where either line disturbs the other, take no part.
+    Each cross is the meeting of two straight lines fitted to the points on both sides of it; the nearest
+    ones, where either line disturbs the other, take no part.
 
     Parameters
     ----------
@@ -79,13 +92,19 @@ def find_crosses(
         Ridge table of the steep chains (x, y, …) in chain order, and the first row of each.
     flat, flat_starts
         The same of the flat chains, found in the transposed image: (y, x, …).
-    width
-        Standard deviation of the lines' profile, pixels.
+    inner
+        Distance along a line within which the other one disturbs it, pixels.
+    steep_reach, flat_reach
+        How far from the cross the points of the lines of each direction count, pixels.
     out
         (capacity, 6): x, y, steep chain, flat chain, slope dx/dy of the steep one, dy/dx of the flat one.
     """
-    inner, outer = 2.5 * width, 8.0 * width + 8.0
     found = 0
+    ends = np.empty((flat_starts.size - 1, 2))
+    for b in range(flat_starts.size - 1):
+        ends[b, 0], ends[b, 1] = np.inf, -np.inf
+        for i in range(flat_starts[b], flat_starts[b + 1]):
+            ends[b, 0], ends[b, 1] = min(ends[b, 0], flat[i, 0]), max(ends[b, 1], flat[i, 0])
     for a in range(steep_starts.size - 1):
         a0, a1 = steep_starts[a], steep_starts[a + 1]
         if a1 - a0 < 2:
@@ -96,23 +115,39 @@ def find_crosses(
         for b in range(flat_starts.size - 1):
             b0, b1 = flat_starts[b], flat_starts[b + 1]
             # In the flat table the roles are swapped: column 1 is the image's x, column 0 its y.
-            if b1 - b0 < 2 or flat[b1 - 1, 1] < xmin - outer or flat[b0, 1] > xmax + outer:
+            if b1 - b0 < 2 or flat[b1 - 1, 1] < xmin - flat_reach or flat[b0, 1] > xmax + flat_reach:
                 continue
-            j = b0
             before = 0.0
-            for i in range(a0, a1):
+            # Where the steep chain passes the flat one, of which it needs one point more on either side.
+            begin = max(_reaches(steep, a0, a1, ends[b, 0]) - 2, a0)
+            j = _reaches(flat, b0, b1, steep[min(begin, a1 - 1), 0])
+            j = min(max(j - 1, b0), b1 - 2)
+            for i in range(begin, a1):
                 x = steep[i, 0]
+                if before < 0.0 and steep[i - 1, 1] > ends[b, 1]:
+                    break
                 while j < b1 - 2 and flat[j + 1, 1] < x:
                     j += 1
                 while j > b0 and flat[j, 1] > x:
                     j -= 1
-                if abs(flat[j, 1] - x) > outer:
+                if abs(flat[j, 1] - x) > flat_reach:
                     before = 0.0
                     continue
                 here = steep[i, 1] - flat[j, 0]
                 if before < 0.0 <= here:
                     if found < out.shape[0] and _meet(
-                        steep, a0, a1, flat, b0, b1, steep[i, 0], steep[i, 1], inner, outer, out[found]
+                        steep,
+                        a0,
+                        a1,
+                        flat,
+                        b0,
+                        b1,
+                        steep[i, 0],
+                        steep[i, 1],
+                        inner,
+                        steep_reach,
+                        flat_reach,
+                        out[found],
                     ):
                         out[found, 2], out[found, 3] = a, b
                         found += 1
@@ -132,14 +167,15 @@ def _meet(
     x: float,
     y: float,
     inner: float,
-    outer: float,
+    steep_reach: float,
+    flat_reach: float,
     out: Array,
 ) -> bool:
     """Meeting of the straight lines fitted around (x, y); place and slopes into `out`."""
     sa = sb = 0.0
     for _ in range(3):
-        xa, sa, na = _fit_side(steep, a0, a1, y, inner, outer)
-        yb, sb, nb = _fit_side(flat, b0, b1, x, inner, outer)
+        xa, sa, na = _fit_side(steep, a0, a1, y, inner, steep_reach)
+        yb, sb, nb = _fit_side(flat, b0, b1, x, inner, flat_reach)
         det = 1.0 - sa * sb
         if na == 0 or nb == 0 or abs(det) < 0.2:
             return False

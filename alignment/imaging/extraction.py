@@ -42,6 +42,7 @@ _DISTURBED = 3.6  # line widths within which another line disturbs a centre
 _SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _QUANTISATION = math.sqrt(1.0 / 12.0)
 _MEAN_OF_MODULUS = math.sqrt(2.0 / math.pi)
+_CROSS_POINTS = 3.5  # looked at points on either side of a cross that tell where a line runs
 _UNKNOWN_SIGMA = 0.1  # pixels, where there are too few points to tell
 _LEAST_SIGMA = 0.005
 _HISTOGRAM = 4096
@@ -165,6 +166,20 @@ def _serves(table: Array, slope: Array, along_x: float, along_y: float, least: f
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _scan_step(width: float, spacing: float, along_x: float, along_y: float) -> int:
+    """Distance of the rows that show the lines' course at first."""
+    step = int(max(min(spacing / _SPACING_PER_STEP, _STEP_PER_WIDTH * width, _MOST_STEP), 1.0))
+    return 2 * step if abs(along_x) < abs(along_y) else step  # along the epipolar lines hardly worth more
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reach(width: float, step: int, spacing: float, clear: float) -> float:
+    """How far from a cross its lines are fitted, pixels: some looked at points, none near the next cross."""
+    least = 8.0 * width + 8.0
+    return max(least, min(_CROSS_POINTS * step, spacing - clear))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _trace(
     image: Any,
     view: Index,
@@ -184,9 +199,7 @@ def _trace(
     """
     probe, box = _probe_of(width)
     weights = ridges.derivative_weights(probe)
-    step = int(max(min(spacing / _SPACING_PER_STEP, _STEP_PER_WIDTH * width, _MOST_STEP), 1.0))
-    if abs(along_x) < abs(along_y):
-        step *= 2  # hardly worth more
+    step = _scan_step(width, spacing, along_x, along_y)
     if flat:
         some = ridges.columns_of(image, view, step)
         table, rows = ridges.scan_rows(some, ridges.whole(some), box, weights, contrast, 1)
@@ -389,7 +402,14 @@ def _extract(
     counts[LINES] = steep_lines + flat_lines
     counts[STEEP_LINES] = steep_lines
     if with_crosses:
-        counts[CROSSES] = find_crosses(steep, steep_starts, flat, flat_starts, width, crosses)
+        clear = 2.5 * width
+        steep_step = 1 if steep_serves else _scan_step(steep_spread, steep_spacing, along[0], along[1])
+        flat_step = 1 if flat_serves else _scan_step(flat_spread, flat_spacing, along[1], along[0])
+        counts[CROSSES] = find_crosses(
+            steep, steep_starts, flat, flat_starts, clear,
+            _reach(width, steep_step, flat_spacing, clear), _reach(width, flat_step, steep_spacing, clear),
+            crosses,
+        )  # fmt: skip
     counts[MILLIWIDTH] = round(1000.0 * width)
 
 

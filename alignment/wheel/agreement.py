@@ -8,6 +8,7 @@ the patch explains it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _RING = 2.0  # mm; width of the rings whose mean height is left free, which stands for the profile
-_MOVES = 5  # a patch may rise, lean two ways, and shift two ways along the slope of the sidewall
+MOVES = 5  # a patch may rise, lean two ways, and shift two ways along the slope of the sidewall
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -41,14 +42,14 @@ def _sums(
     Σ w, and Σ w r (R, H).
     """
     heads, rings = bounds.size - 1, int(step * profile.size / _RING) + 2
-    square, right = np.zeros((heads, _MOVES, _MOVES)), np.zeros((heads, _MOVES))
-    ring_moves, ring_right = np.zeros((rings, heads, _MOVES)), np.zeros((rings, heads))
+    square, right = np.zeros((heads, MOVES, MOVES)), np.zeros((heads, MOVES))
+    ring_moves, ring_right = np.zeros((rings, heads, MOVES)), np.zeros((rings, heads))
     pieces, per_ring = pieces_of(profile), 1.0 / _RING
     cx, cy, cz = centre[0], centre[1], centre[2]
     f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
     f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
     longest = np.diff(bounds).max()
-    move, every_rest, ring = np.ones((_MOVES, longest)), np.empty(longest), np.empty(longest, np.int64)
+    move, every_rest, ring = np.ones((MOVES, longest)), np.empty(longest), np.empty(longest, np.int64)
     for h in range(heads):
         n = bounds[h + 1] - bounds[h]
         weight, rest = weights[bounds[h] : bounds[h + 1]], every_rest[:n]
@@ -64,7 +65,7 @@ def _sums(
             ring[k] = int((rho - start) * per_ring)
             rest[k] = residuals[i] if weight[k] > 0.0 else 0.0
         # Sum by sum: loops that compilers turn into vector instructions.
-        for a in range(_MOVES):
+        for a in range(MOVES):
             one = move[a][:n]
             total = 0.0
             for k in range(n):
@@ -102,11 +103,50 @@ def head_sums(head: Index, heads: int, weights: Array, residuals: Array) -> tupl
     return numbers, total, squares
 
 
-def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> Array:
-    """Part of the residuals that a movement of each head explains, RMS over its points, (H,) millimetres.
+@dataclass(frozen=True, eq=False)
+class HeadMoves:
+    """What the residuals say of movements of the heads, condensed to sums.
 
-    A few thousandths where calibration and heads are as they should be. It does not see a turn about the
-    wheel's axis, which changes no height, nor a common movement of all heads.
+    A head's patch may rise (1), lean (x, y) and shift along the slope of the sidewall (slope · x/ρ,
+    slope · y/ρ): five amounts, millimetres and radians, in axes of the wheel that lie near the rig's. The
+    mean height of each ring is left free, as the profile is.
+
+    Attributes
+    ----------
+    square
+        (H, 5, 5) sums of products of the moves over each head's points, by their weights.
+    rings, ring_right
+        (R, H, 5) and (R, H) sums of the moves and of the residuals over each ring.
+    normal, target
+        (5 H, 5 H) and (5 H,) normal equations of all amounts, the means of the rings eliminated.
+    """
+
+    square: Array
+    rings: Array
+    ring_right: Array
+    normal: Array
+    target: Array
+
+    def misfits(self) -> Array:
+        """(H,) part of the residuals that the movements explain, RMS over each head's points, millimetres."""
+        heads, size = len(self.square), len(self.target)
+        unit = np.sqrt(np.maximum(np.einsum("kaa->ka", self.square).reshape(size), 1e-30))
+        # What all heads do together is the axis, which the fit has found already: it has no value here.
+        inverse = np.linalg.pinv(self.normal / np.outer(unit, unit), rcond=1e-6, hermitian=True)
+        amounts = (np.einsum("ij,j->i", inverse, self.target / unit) / unit).reshape(heads, MOVES)
+        weight = self.rings[:, :, 0]
+        mean = np.einsum("rka,ka->r", self.rings, amounts) / np.maximum(weight.sum(axis=1), 1e-12)
+        explained = (
+            np.einsum("kab,ka,kb->k", self.square, amounts, amounts)
+            - 2.0 * np.einsum("rka,ka,r->k", self.rings, amounts, mean)
+            + np.einsum("rk,r->k", weight, mean**2)
+        )
+        out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight.sum(axis=0), 1e-12))
+        return out
+
+
+def head_moves(points: Array, head: Index, heads: int, fit: RevolutionFit) -> HeadMoves:
+    """Condense the residuals of a fit to what they say of movements of the heads.
 
     Parameters
     ----------
@@ -120,30 +160,27 @@ def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> 
         The result.
     """
     bounds = np.searchsorted(head, np.arange(heads + 1))
-    square, right, ring_moves, ring_right = _sums(
+    square, right, rings, ring_right = _sums(
         points, fit.weights, fit.residuals, bounds, fit.centre, fit.tilt_axes, fit.knots_start,
         fit.knots_step, fit.profile,
     )  # fmt: skip
-    weight = ring_moves[:, :, 0]
-    total = np.maximum(weight.sum(axis=1), 1e-12)
+    total = np.maximum(rings[:, :, 0].sum(axis=1), 1e-12)
     # The mean of each ring is free: take its part off the sums. Small sums without BLAS, whose threads would
     # spin on and take the cores from the next images.
-    size = heads * _MOVES
-    of_ring = ring_moves.reshape(len(total), size)
+    size = heads * MOVES
+    of_ring = rings.reshape(len(total), size)
     normal = -np.einsum("ri,rj->ij", of_ring / total[:, None], of_ring)
     target = right.reshape(size) - np.einsum("ri,r->i", of_ring, ring_right.sum(axis=1) / total)
     for k in range(heads):
-        mine = slice(k * _MOVES, (k + 1) * _MOVES)
+        mine = slice(k * MOVES, (k + 1) * MOVES)
         normal[mine, mine] += square[k]
-    unit = np.sqrt(np.maximum(np.einsum("kaa->ka", square).reshape(size), 1e-30))
-    # What all heads do together is the axis, which the fit has found already: it has no value here.
-    inverse = np.linalg.pinv(normal / np.outer(unit, unit), rcond=1e-6, hermitian=True)
-    amounts = (np.einsum("ij,j->i", inverse, target / unit) / unit).reshape(heads, _MOVES)
-    mean = np.einsum("rka,ka->r", ring_moves, amounts) / total
-    explained = (
-        np.einsum("kab,ka,kb->k", square, amounts, amounts)
-        - 2.0 * np.einsum("rka,ka,r->k", ring_moves, amounts, mean)
-        + np.einsum("rk,r->k", weight, mean**2)
-    )
-    out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight.sum(axis=0), 1e-12))
-    return out
+    return HeadMoves(square, rings, ring_right, normal, target)
+
+
+def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> Array:
+    """Part of the residuals that a movement of each head explains, RMS over its points, (H,) millimetres.
+
+    A few thousandths where calibration and heads are as they should be. It does not see a turn about the
+    wheel's axis, which changes no height, nor a common movement of all heads. Parameters as for `head_moves`.
+    """
+    return head_moves(points, head, heads, fit).misfits()
