@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
 from types import TracebackType
@@ -341,6 +341,11 @@ class ResultStore:
                     )
                 )
         return tuple({(zero.record.rig, zero.record.calibration_id): zero.record for zero in zeros}.values())
+
+    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
+        """Those of these events that are stored, in no order."""
+        with self._transaction() as connection:
+            return tuple(load_records(connection, "event", [uuid.hex for uuid in uuids]).values())
 
     def recent_events(
         self, n: int, station: str | None = None, codes: Sequence[str] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -14,6 +14,7 @@ from station.evaluation import evaluate
 from station.line.messages import LineErrorCode, LiveAngles, LiveState
 from station.vehicle_types import VehicleType
 from station.verdict import Status, combined
+from station.wheel_threads import WheelThreads
 from station.wheels import WheelPosition, WheelResult, fault
 
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
@@ -30,10 +31,12 @@ class LiveLine(Protocol):
 class Adjusting:
     """Measures the wheels of some positions continuously; use it in a `with`, which waits for the last shots.
 
+    What a shot shows after the end of the `with` is shown to nobody; a shot that does not end is left behind.
+
     Parameters
     ----------
     threads
-        At least one for each position.
+        Of the positions.
     positions
         Armed.
     zeros
@@ -46,17 +49,25 @@ class Adjusting:
         Is told every result.
     clock
         Monotonic seconds, the line's.
+    last_s
+        Longest wait for the last shots.
+
+    Attributes
+    ----------
+    late
+        Positions whose last shot did not end in time; empty before the end.
     """
 
     def __init__(
         self,
-        threads: ThreadPoolExecutor,
+        threads: WheelThreads,
         positions: Sequence[WheelPosition],
         zeros: Sequence[ZeroRecord],
         kind: VehicleType,
         coverage_factor: float,
         line: LiveLine,
         clock: Callable[[], float],
+        last_s: float,
     ) -> None:
         self._threads = threads
         self._zeros = zeros
@@ -64,6 +75,8 @@ class Adjusting:
         self._coverage_factor = coverage_factor
         self._line = line
         self._clock = clock
+        self._last_s = last_s
+        self.late: tuple[WheelPosition, ...] = ()
         self._shots = {position.name: 0 for position in positions}
         self._running = {self._begin(position): position for position in positions}
 
@@ -73,21 +86,33 @@ class Adjusting:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # The cameras are needed for the measurement that counts; a shot and its images are bounded in time.
-        wait(self._running)
+        # The cameras are needed for the measurement that counts.
+        _, late = wait(self._running, self._last_s)
+        self._threads.leave(late)
+        self.late = tuple(self._running[future] for future in late)
 
     def step(self, timeout_s: float) -> None:
         """Wait for the next results at most this long, show them, and measure those wheels again."""
         done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
         for future in done:
             position = self._running.pop(future)
-            result, started_s = future.result()
+            result, started_s = self._result(future, position)
             self._shots[position.name] = (self._shots[position.name] + 1) % 256
             self._line.publish_live(self._live(result), started_s)
             self._running[self._begin(position)] = position
 
     def _begin(self, position: WheelPosition) -> Future[tuple[WheelResult, float]]:
-        return self._threads.submit(self._measure, position)
+        return self._threads.submit(position.name, self._measure, position)
+
+    def _result(
+        self, future: Future[tuple[WheelResult, float]], position: WheelPosition
+    ) -> tuple[WheelResult, float]:
+        try:
+            return future.result()
+        except Exception as error:  # noqa: BLE001
+            # A mistake in the program must not end the adjusting, nor the station.
+            text = f"{position.name}: {type(error).__name__}: {error}"
+            return position.failed(fault(LineErrorCode.INTERNAL_FAULT, text)), self._clock()
 
     def _measure(self, position: WheelPosition) -> tuple[WheelResult, float]:
         # The angles are as old as the moment before the exposure, at most.

@@ -15,6 +15,7 @@ from station.config import read_configuration
 from station.line.messages import StationState
 from station.ports import CycleReport, Observer
 
+_ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
 _LOG = logging.getLogger("truewheel.station")
 
 
@@ -41,7 +42,9 @@ class _Log(Observer):
 
 
 def run_station(config: Path, stopping: threading.Event | None = None) -> None:
-    """Run the station until SIGINT or SIGTERM, or until `stopping` is set; a cycle under way is finished.
+    """Run the station until a signal ends it in order, or until `stopping` is set; see `stop_on_signals`.
+
+    A cycle under way is finished, and results that nobody acknowledged are held for the next start.
 
     Raises
     ------
@@ -49,24 +52,32 @@ def run_station(config: Path, stopping: threading.Event | None = None) -> None:
         When it cannot start; all failures together.
     """
     stopping = stopping or threading.Event()
-    configuration = read_configuration(config)
-    with stop_on_signals(stopping), open_station(configuration, _Log()) as station:
-        settings = configuration.settings
-        _LOG.info(
-            "%s is ready: %d rigs, line %s %s",
-            settings.station.name,
-            len(station.positions),
-            settings.line.interface,
-            settings.line.channel,
-        )
-        station.cycle.serve(stopping)
-        _LOG.info("line at the end: %s", station.line.health)
+    with stop_on_signals(stopping):
+        configuration = read_configuration(config)
+        with open_station(configuration, _Log()) as station:
+            settings = configuration.settings
+            _LOG.info(
+                "%s is ready: %d rigs, line %s %s",
+                settings.station.name,
+                len(station.positions),
+                settings.line.interface,
+                settings.line.channel,
+            )
+            station.cycle.serve(stopping)
+            _LOG.info("line at the end: %s", station.line.health)
+            for thread in station.cycle.threads:
+                if not thread.good:
+                    _LOG.warning("at the end: %s", thread)
     _LOG.info("stopped")
 
 
 @contextmanager
 def stop_on_signals(stopping: threading.Event) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set `stopping`; only in the main thread, where signals arrive."""
+    """Let SIGINT, SIGTERM, SIGHUP and SIGQUIT set `stopping`; only in the main thread, where signals arrive.
+
+    A second signal adds nothing: every wait at the end is bounded. What was told to be ignored stays ignored,
+    so that `nohup` keeps a station running when its terminal goes.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -74,7 +85,10 @@ def stop_on_signals(stopping: threading.Event) -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         stopping.set()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    # Some systems have fewer.
+    numbers = [number for name in _ENDING if (number := getattr(signal, name, None)) is not None]
+    heeded = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, stop) for number in heeded}
     try:
         yield
     finally:

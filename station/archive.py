@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
+import shutil
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Literal, Self
+from uuid import UUID
 
-from alignment.errors import TruewheelError
+from alignment.errors import LineError, StoreUnavailableError, TruewheelError
 from db.quality_records import ArchivedShotRecord, RetentionClass
 from db.records import CycleRecord, Verdict, WheelOutcome
 from db.retention import Policy, enforce
@@ -19,12 +23,14 @@ from db.store import ResultStore
 from sensors.formats.shot import write_shot
 from sensors.shot import WheelShot
 from station.line.messages import StationState
+from station.line.supervised import SupervisedThread
 from station.ports import CycleReport, Observer
 from station.wheels import WheelPosition, WheelResult, utc_now
 
 _LOG = logging.getLogger("truewheel.archive")
 # Images of so many cycles may wait; they take tens of megabytes each.
 _MOST_WAITING = 4
+_LOOK_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,9 @@ class _Job:
 
 class ImageArchive:
     """Writes shots in a thread of its own; a disk that is too slow loses images, never a result.
+
+    Whatever goes wrong with the images of one cycle, the next ones are written. What is lost is told once by
+    the thread itself, so that nobody waits for the telling either.
 
     Parameters
     ----------
@@ -50,6 +59,8 @@ class ImageArchive:
         Told in a sentence when images are not archived.
     now
         Aware UTC time.
+    closing_s
+        Longest wait for what is being written at the end.
     """
 
     def __init__(
@@ -60,19 +71,39 @@ class ImageArchive:
         keep: Literal["all", "evidence"],
         note: Callable[[str], None],
         now: Callable[[], datetime] = utc_now,
+        closing_s: float = 10.0,
     ) -> None:
         self._store, self._folder, self._policy = store, folder, policy
         self._keep, self._note, self._now = keep, note, now
-        self._waiting: queue.Queue[_Job | None] = queue.Queue(_MOST_WAITING)
-        self._thread = threading.Thread(target=self._run, name="image archive")
+        self._closing_s = closing_s
+        self._waiting: queue.Queue[_Job] = queue.Queue(_MOST_WAITING)
+        self._refused: queue.SimpleQueue[UUID] = queue.SimpleQueue()
+        self.thread = SupervisedThread("image archive", self._step)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._waiting.put(None)
-        self._thread.join()
+        """Write what waits, within the bound; what is left then is told as lost."""
+        self.wait()
+        try:
+            self.thread.stop(4 * _LOOK_S)
+        except LineError:
+            _LOG.error("the disk of the archive hangs; its thread is left behind")
+        self._tell_refused()
+        lost = self._waiting.unfinished_tasks
+        if lost:
+            self._note(
+                f"images of {lost} cycles are not archived: the station ended before they were written"
+            )
+
+    def wait(self) -> bool:
+        """Wait until all that was offered is written or lost; false when that takes longer than the bound."""
+        deadline = time.monotonic() + self._closing_s
+        while self._waiting.unfinished_tasks and self.thread.alive and time.monotonic() < deadline:
+            self.thread.stopping.wait(_LOOK_S / 5)
+        return not self._waiting.unfinished_tasks
 
     def offer(self, record: CycleRecord, shots: Sequence[WheelShot]) -> None:
         """Take the images of a committed cycle; returns at once."""
@@ -86,28 +117,62 @@ class ImageArchive:
         try:
             self._waiting.put_nowait(_Job(record, kept))
         except queue.Full:
-            self._note(f"images of cycle {record.uuid} are not archived: the disk is too slow")
+            self._refused.put(record.uuid)
+            _LOG.error("images of cycle %s are not archived: the disk is too slow", record.uuid)
 
-    def _run(self) -> None:
-        while (job := self._waiting.get()) is not None:
-            try:
-                for shot in job.shots:
-                    self._write(job.record, shot)
-                enforce(self._store, self._folder, self._policy, self._now())
-            except (TruewheelError, OSError) as error:
-                _LOG.error("images of cycle %s: %s", job.record.uuid, error)
-                self._note(f"images of cycle {job.record.uuid} are not archived: {error}")
+    def _step(self, stopping: threading.Event) -> None:
+        self._tell_refused()
+        try:
+            job = self._waiting.get(timeout=_LOOK_S)
+        except queue.Empty:
+            return
+        try:
+            for shot in job.shots:
+                self._write(job.record, shot)
+            enforce(self._store, self._folder, self._policy, self._now())
+        except (TruewheelError, OSError) as error:
+            self._lost(job, str(error))
+        except Exception as error:
+            self._lost(job, f"{type(error).__name__}: {error}")
+            # A defect: the thread counts it and goes on with the next cycle.
+            raise
+        finally:
+            self._waiting.task_done()
+
+    def _lost(self, job: _Job, why: str) -> None:
+        _LOG.error("images of cycle %s: %s", job.record.uuid, why)
+        self._note(f"images of cycle {job.record.uuid} are not archived: {why}")
+
+    def _tell_refused(self) -> None:
+        """Tell of all that found no room since the last time, in one sentence."""
+        refused = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                refused.append(self._refused.get_nowait())
+        if refused:
+            cycles = f"cycle {refused[0]}" + (f" and {len(refused) - 1} more" if refused[1:] else "")
+            self._note(f"images of {cycles} are not archived: the disk is too slow")
 
     def _write(self, record: CycleRecord, shot: WheelShot) -> None:
         path = Path(f"{record.received_utc:%Y-%m-%d}") / f"{record.uuid}-{shot.rig}"
-        (self._folder / path).parent.mkdir(parents=True, exist_ok=True)
-        write_shot(self._folder / path, shot)
-        size = sum(file.stat().st_size for file in (self._folder / path).iterdir())
-        self._store.record_shot(
-            ArchivedShotRecord(
-                record.uuid, shot.rig, path.as_posix(), size, self._now(), self._class(record, shot)
+        folder = self._folder / path
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        mine = not folder.exists()
+        try:
+            write_shot(folder, shot)
+            size = sum(file.stat().st_size for file in folder.iterdir())
+            retention = self._class(record, shot)
+            self._store.record_shot(
+                ArchivedShotRecord(record.uuid, shot.rig, path.as_posix(), size, self._now(), retention)
             )
-        )
+        except StoreUnavailableError:
+            # The record may have been stored all the same, and promises them.
+            raise
+        except BaseException:
+            # No record counts what is left of them, so no retention would ever make room again.
+            if mine:
+                shutil.rmtree(folder, ignore_errors=True)
+            raise
 
     @staticmethod
     def _class(record: CycleRecord, shot: WheelShot) -> RetentionClass:

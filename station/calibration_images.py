@@ -1,13 +1,16 @@
 """Images of the calibration plate, recorded when the line asks for them: one shot of each rig per start.
 
 Each start makes a folder named after its time and number, with one recorded shot per rig in it, which
-`truewheel calibrate` and every other reader of shots can take up. Nothing is judged.
+`truewheel calibrate` and every other reader of shots can take up. Nothing is judged. A shot that comes after
+its start was told a fault is not kept.
 """
 
 from __future__ import annotations
 
+import shutil
+import threading
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +19,7 @@ from alignment.errors import TruewheelError
 from sensors.formats.shot import write_shot
 from station.line.messages import LineErrorCode, Outcome, WheelAnswer
 from station.ports import Bounds
+from station.wheel_threads import WheelThreads
 from station.wheels import WheelPosition
 
 
@@ -27,12 +31,12 @@ class CalibrationImages:
     folder
         Where the folders of the starts go; made when it is missing.
     threads
-        At least one for each position.
+        Of the positions.
     bounds
         Of the waiting for all images.
     """
 
-    def __init__(self, folder: Path, threads: ThreadPoolExecutor, bounds: Bounds) -> None:
+    def __init__(self, folder: Path, threads: WheelThreads, bounds: Bounds) -> None:
         self._folder = folder
         self._threads = threads
         self._measure_s = bounds.measure_s
@@ -41,10 +45,18 @@ class CalibrationImages:
         self, positions: Sequence[WheelPosition], sequence: int, now: datetime
     ) -> tuple[tuple[WheelAnswer, ...], LineErrorCode, str]:
         """Shoot and write; the answers, the error code of the first failure, and what to put down of it."""
-        folder = self._folder / f"{now:%Y-%m-%dT%H-%M-%S}-{sequence:03d}"
-        futures = {self._threads.submit(self._one, position, folder): position for position in positions}
-        done, late = wait_for(futures, self._measure_s)
-        failures = [failure for future in done if (failure := _failure(future, futures[future])) is not None]
+        start = _Start(self._folder / f"{now:%Y-%m-%dT%H-%M-%S}-{sequence:03d}")
+        folder = start.folder
+        futures = {self._threads.submit(p.name, self._one, p, start): p for p in positions}
+        wait_for(futures, self._measure_s)
+        kept = start.give_up()
+        late = [future for future, p in futures.items() if not future.done() and p.name not in kept]
+        self._threads.leave(late)
+        failures = [
+            failure
+            for future, position in futures.items()
+            if future not in late and (failure := _failure(future, position)) is not None
+        ]
         failures += [
             (LineErrorCode.CYCLE_TIMEOUT, futures[future].name, "its images took too long") for future in late
         ]
@@ -56,17 +68,47 @@ class CalibrationImages:
         code = failures[0][0] if failures else LineErrorCode.NONE
         return answers, code, f"images of {len(positions) - len(failed)} rigs in {folder}. {text}".strip()
 
-    def _one(self, position: WheelPosition, folder: Path) -> None:
+    def _one(self, position: WheelPosition, start: _Start) -> None:
         position.rig.arm()
         shot = position.rig.shoot(self._measure_s)
-        folder.mkdir(parents=True, exist_ok=True)
-        write_shot(folder / position.name, shot)
+        start.folder.mkdir(parents=True, exist_ok=True)
+        part = start.folder / f".{position.name}.part"
+        try:
+            write_shot(part, shot)
+            start.keep(part, position.name)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+class _Start:
+    """The images of one start: under their own names only when whole, and only while somebody waits."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock = threading.Lock()
+        self._kept: set[str] = set()
+        self._given_up = False
+
+    def keep(self, part: Path, name: str) -> None:
+        """Keep what was written, unless it comes too late."""
+        with self._lock:
+            if not self._given_up:
+                part.rename(self.folder / name)
+                self._kept.add(name)
+
+    def give_up(self) -> frozenset[str]:
+        """Keep nothing more; what is kept."""
+        with self._lock:
+            self._given_up = True
+            return frozenset(self._kept)
 
 
 def _failure(future: Future[None], position: WheelPosition) -> tuple[LineErrorCode, str, str] | None:
     error = future.exception()
     if error is None:
         return None
-    camera = isinstance(error, TruewheelError) and not isinstance(error, ValueError)
-    code = LineErrorCode.CAMERA_FAULT if camera else LineErrorCode.STORE_FAULT
-    return code, position.name, str(error)
+    if isinstance(error, TruewheelError) and not isinstance(error, ValueError):
+        return LineErrorCode.CAMERA_FAULT, position.name, str(error)
+    if isinstance(error, (OSError, TruewheelError)):
+        return LineErrorCode.STORE_FAULT, position.name, str(error)
+    return LineErrorCode.INTERNAL_FAULT, position.name, f"{type(error).__name__}: {error}"

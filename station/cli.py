@@ -79,7 +79,7 @@ def run(
         Path | None, typer.Option(help="Station's configuration.", show_default="configs/station.toml")
     ] = None,
 ) -> None:
-    """Run the station until SIGINT or SIGTERM."""
+    """Run the station until SIGINT, SIGTERM, SIGHUP or SIGQUIT ends it in order."""
     from station.app import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")

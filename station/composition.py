@@ -21,7 +21,7 @@ from sensors.formats import read_calibration_file, write_calibration
 from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
-from station.archive import ArchivingObserver
+from station.archive import ArchivingObserver, ImageArchive
 from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions
 from station.cycle import MeasuringCycle
 from station.line.bus import LineBus, open_bus
@@ -31,7 +31,7 @@ from station.line.interface import StationLine
 from station.line.messages import Mode
 from station.line.options import LineOptions
 from station.ports import Bounds, Identity, Observer
-from station.storing import StationStore, describe_station, open_archive, open_store
+from station.storing import describe_station, open_archive, open_store
 from station.wheels import CalibrationInForce, WheelPosition, utc_now
 
 T = TypeVar("T")
@@ -89,6 +89,9 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         whole = tuple(position for position in positions if position is not None)
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         images = settings.cycle.image_folder
+        archive = open_archive(configuration, store)
+        if archive is not None:
+            stack.enter_context(archive)
         cycle = MeasuringCycle(
             Identity(settings.station.id, version("truewheel"), configuration.hash),
             whole,
@@ -103,8 +106,9 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
                 adjust_s=settings.cycle.adjust_timeout_s,
             ),
             settings.measure.coverage_factor,
-            _archiving(configuration, store, whole, observer or Observer(), stack),
+            _archiving(archive, whole, observer or Observer()),
             image_folder=None if images is None else configuration.path(images),
+            threads=[*line.threads, *([] if archive is None else [archive.thread])],
         )
         stack.callback(cycle.close)
         cycle.start()
@@ -113,17 +117,10 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
 
 
 def _archiving(
-    configuration: Configuration,
-    store: StationStore,
-    positions: Sequence[WheelPosition],
-    observer: Observer,
-    stack: ExitStack,
+    archive: ImageArchive | None, positions: Sequence[WheelPosition], observer: Observer
 ) -> Observer:
-    """The observer, with the archive of images before it when one is configured."""
-    archive = open_archive(configuration, store)
-    if archive is None:
-        return observer
-    return ArchivingObserver(observer, positions, stack.enter_context(archive))
+    """The observer, with the archive of images before it when there is one."""
+    return observer if archive is None else ArchivingObserver(observer, positions, archive)
 
 
 def bus_settings(configuration: Configuration) -> BusSettings:

@@ -1,7 +1,8 @@
 """The measuring cycle: from a trigger to a committed result, and only then to the answer.
 
 Whatever fails on the way, the cycle ends in a defined state with a record that says why; the line is told OK
-of a wheel only when its record is committed. Every wait is bounded.
+of a wheel only when its record is committed. Every wait is bounded, and what was given up and goes on all the
+same is remembered: a wheel keeps the station at fault, a commit is set right by `station.ledger`.
 """
 
 from __future__ import annotations
@@ -11,24 +12,20 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import datetime, timedelta
 from pathlib import Path
+from uuid import UUID
 
 from alignment.errors import InputError, LineError, StoreError, TruewheelError
-from db.records import (
-    CycleOutcome,
-    CycleRecord,
-    EventRecord,
-    Severity,
-    ZeroRecord,
-)
+from db.records import CycleRecord, Severity, ZeroRecord
 from station.adjusting import Adjusting
 from station.calibration_images import CalibrationImages
 from station.coalesced import Coalesced
 from station.cycle_record import cycle_record
-from station.evaluation import Evaluation, axle_of, evaluate
-from station.held import Closing, Held, closing_text, unacknowledged
+from station.evaluation import axle_of, evaluate
+from station.held import Closing, Held
+from station.ledger import Ledger
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -47,8 +44,9 @@ from station.master_check import master_checks
 from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.records import Standing, answers_of
 from station.states import StateMachine
-from station.store_thread import StoreThread
+from station.threads import ThreadHealth, ThreadWatch, Watched
 from station.vehicle_types import VehicleType
+from station.wheel_threads import WheelThreads
 from station.wheels import (
     ABORTED,
     WheelPosition,
@@ -86,6 +84,8 @@ class MeasuringCycle:
         Monotonic seconds, the same clock as the line's; and aware UTC time.
     image_folder
         Where the mode calibrate records images; without it that mode is refused.
+    threads
+        Of others, to be looked after with its own.
     """
 
     def __init__(
@@ -101,12 +101,12 @@ class MeasuringCycle:
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], datetime] = utc_now,
         image_folder: Path | None = None,
+        threads: Sequence[Watched] = (),
     ) -> None:
         self._identity = identity
         self._positions = {position.name: position for position in positions}
         self._vehicle_types = vehicle_types
         self._line = line
-        self._store = store
         self._bounds = bounds
         self._coverage_factor = coverage_factor
         self._observer = observer or Observer()
@@ -117,20 +117,25 @@ class MeasuringCycle:
         self._fault_wheel: str | None = None
         self._held: Held | None = None
         self._interruption: Command | None = None
-        self._running: set[Future[WheelResult]] = set()
+        self._stopping = threading.Event()
         self._measured_s = 0.0
-        # Cameras mostly wait, so each rig has a thread; the mathematics releases the interpreter.
-        self._wheel_threads = ThreadPoolExecutor(max(1, len(positions)), "wheel")
+        self._wheel_threads = WheelThreads(self._positions)
         self._images = (
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
-        self._store_thread = StoreThread(bounds.store_s)
+        self._ledger = Ledger(store, identity, bounds.store_s, clock, now)
+        self._watch = ThreadWatch([*threads, self._ledger.worker, *self._wheel_threads.workers])
         self._provoked = Coalesced[tuple[Severity, str]](lambda kind, text: self._note(*kind, text), clock)
 
     @property
     def state(self) -> StationState:
         """Where the cycle is."""
         return self._machine.state
+
+    @property
+    def threads(self) -> tuple[ThreadHealth, ...]:
+        """How the threads of the station are."""
+        return self._watch.health
 
     def start(self) -> None:
         """Record the calibrations and the start, and be ready for triggers.
@@ -142,26 +147,22 @@ class MeasuringCycle:
         StoreError
             When they cannot be recorded.
         """
-        for position in self._positions.values():
-            self._store_thread.call(self._store.record_calibration, position.in_force.record())
-        version = self._identity.software_version
-        self._store_thread.call(
-            self._store.record_event, self._event(Severity.INFO, "started", f"version {version} started")
-        )
+        self._ledger.begin(position.in_force.record() for position in self._positions.values())
         self._offer_again()
         self._line.publish(StationStatus(self.state))
 
     def close(self) -> None:
-        """End the threads; a wheel or a commit that is under way is waited for."""
-        self._wheel_threads.shutdown(cancel_futures=True)
+        """End the threads within a bound; a wheel or a commit that hangs is left to itself."""
+        self._wheel_threads.close()
         self._provoked.flush()
-        self._store_thread.close()
+        self._ledger.close()
 
     def serve(self, stopping: threading.Event) -> None:
-        """Serve commands until told to stop; a cycle that has begun is finished.
+        """Serve commands until told to stop; a cycle that has begun is finished, but for adjusting.
 
         Whatever unforeseen error ends it, the line is told of a fault first.
         """
+        self._stopping = stopping
         try:
             while not stopping.is_set():
                 self.step(5 * POLL_S)
@@ -176,6 +177,10 @@ class MeasuringCycle:
     def step(self, timeout_s: float) -> CycleReport | None:
         """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
         self._provoked.flush_due()
+        self._ledger.look()
+        for text in self._watch.news(self._clock()):
+            _LOG.error("%s", text)
+            self._note(Severity.ERROR, "thread_failed", text)
         command = self._line.next_command(timeout_s)
         match command:
             case Trigger():
@@ -208,26 +213,34 @@ class MeasuringCycle:
         self._machine.enter(StationState.EVALUATING)
         evaluation = evaluate(kind, results, self._coverage_factor)
         self._poll(trigger)
-        record = self._record(trigger, kind, evaluation, received_utc)
+        record, self._error, self._fault_wheel = cycle_record(
+            self._identity,
+            trigger,
+            kind,
+            evaluation,
+            self._interruption,
+            received_utc=received_utc,
+            measured_s=self._measured_s,
+        )
         self._machine.enter(StationState.STORING)
         committed_s = self._commit(trigger, record)
         self._poll(trigger)
         self._machine.enter(StationState.REPORTING)
-        report = CycleReport(trigger, record, evaluation, committed_s, self._tell(record, committed_s))
+        told, cycle = self._tell(record, committed_s)
+        report = CycleReport(trigger, record, evaluation, committed_s, told)
         self._observer.cycle_done(report)
         self._drain()
         after = StationState.FAULT if self._needs_reset(report) else StationState.IDLE
-        cycle = record.uuid if committed_s is not None else None
-        if report.told is not None:
+        if told is not None:
             self._held = Held(trigger.sequence, cycle, after)
             self._await_acknowledgement()
-        elif isinstance(self._interruption, Reset):
-            if cycle is not None:
-                self._note(Severity.WARNING, Closing.DISCARDED, closing_text(record.uuid, trigger.sequence))
-            self._machine.enter(after)
+            return report
+        # Nobody will take over what nobody was told.
+        if not self._ledger.end(cycle, trigger.sequence, Closing.DISCARDED):
+            self._error, after = LineErrorCode.STORE_FAULT, StationState.FAULT
+        self._machine.enter(after)
+        if isinstance(self._interruption, Reset):
             self._recover()
-        else:
-            self._machine.enter(after)
         return report
 
     def _record_images(self, trigger: Trigger) -> None:
@@ -282,7 +295,7 @@ class MeasuringCycle:
         try:
             # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
             installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in positions]
-            zeros = self._store_thread.call(self._store.zeros_in_force, installed)
+            zeros = self._ledger.zeros(installed)
         except StoreError as error:
             return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
         for position in positions:
@@ -292,7 +305,9 @@ class MeasuringCycle:
             except TruewheelError as error:
                 results[position.name] = position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
         if trigger.mode is Mode.ADJUST and len(armed) > 0 and not self._poll(trigger):
-            self._adjust(armed, zeros, trigger)
+            for position in self._adjust(armed, zeros, trigger):
+                results[position.name] = position.late(self._bounds.measure_s)
+                armed.remove(position)
         if armed and not self._poll(trigger):
             self._machine.enter(StationState.MEASURING)
             results |= self._run_wheels(armed, zeros, trigger)
@@ -300,95 +315,90 @@ class MeasuringCycle:
 
     def _adjust(
         self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
-    ) -> None:
-        """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle."""
+    ) -> tuple[WheelPosition, ...]:
+        """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle.
+
+        Returns the positions whose last shot does not end.
+        """
         self._machine.enter(StationState.ADJUSTING)
-        kind = self._vehicle_types[trigger.vehicle_type]
-        deadline = self._clock() + self._bounds.adjust_s
+        kind, k = self._vehicle_types[trigger.vehicle_type], self._coverage_factor
+        deadline, last_s = self._clock() + self._bounds.adjust_s, self._bounds.measure_s
         with Adjusting(
-            self._wheel_threads, positions, zeros, kind, self._coverage_factor, self._line, self._clock
+            self._wheel_threads, positions, zeros, kind, k, self._line, self._clock, last_s
         ) as adjusting:
             while self._interruption is None:
                 adjusting.step(POLL_S)
                 command = self._line.next_command(0.0)
                 if isinstance(command, Stop) and command.sequence == trigger.sequence:
                     break
-                if not self._interrupt(command, trigger) and self._clock() >= deadline:
+                stopping = self._stopping.is_set()
+                if not self._interrupt(command, trigger) and (stopping or self._clock() >= deadline):
                     self._interruption = Abort(trigger.sequence, LineErrorCode.ADJUST_TIMEOUT)
+        if self._stopping.is_set():
+            text = f"adjusting of start {trigger.sequence} was ended: the station was told to stop"
+            self._note(Severity.WARNING, "stopping", text)
         for position in positions:
-            # Adjusting has armed them for another shot each time; once more for the one that counts.
-            with contextlib.suppress(TruewheelError):
-                position.rig.arm()
+            if position not in adjusting.late:
+                # Adjusting has armed them for another shot each time; once more for the one that counts.
+                with contextlib.suppress(TruewheelError):
+                    position.rig.arm()
+        return adjusting.late
 
     def _run_wheels(
         self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
     ) -> dict[str, WheelResult]:
-        by_future = {self._wheel_threads.submit(position.run, zeros): position for position in positions}
         results: dict[str, WheelResult] = {}
+        running = {self._wheel_threads.submit(p.name, p.run, zeros): p for p in positions}
         deadline = self._clock() + self._bounds.measure_s
-        self._running = set(by_future)
-        while self._running and not self._poll(trigger) and self._clock() < deadline:
-            done, self._running = wait(self._running, POLL_S, FIRST_COMPLETED)
+        while running and not self._poll(trigger) and self._clock() < deadline:
+            done, _ = wait(running, POLL_S, FIRST_COMPLETED)
             for future in done:
-                result = result_of(future, by_future[future])
+                result = result_of(future, running.pop(future))
                 results[result.wheel] = result
                 self._observer.wheel_done(result)
+        self._wheel_threads.leave(running)
         if self._interruption is None:
-            for position in (by_future[future] for future in self._running):
-                text = f"{position.name}: expected images and angles within {self._bounds.measure_s:g} s"
-                results[position.name] = position.failed(fault(LineErrorCode.CYCLE_TIMEOUT, text))
+            results |= {position.name: position.late(self._bounds.measure_s) for position in running.values()}
         return results
 
-    def _record(
-        self, trigger: Trigger, kind: VehicleType, evaluation: Evaluation, received_utc: datetime
-    ) -> CycleRecord:
-        record, self._error, self._fault_wheel = cycle_record(
-            self._identity,
-            trigger,
-            kind,
-            evaluation,
-            self._interruption,
-            received_utc=received_utc,
-            measured_s=self._measured_s,
-        )
-        return record
-
     def _commit(self, trigger: Trigger, record: CycleRecord) -> float | None:
-        """Store the record; the time of the commit, or None when there was none."""
-        try:
-            if trigger.mode is Mode.MASTER_CHECK:
-                for check in master_checks(record):
-                    self._store_thread.call(self._store.record_check, check)
-            self._store_thread.call(self._store.write_cycle, record)
-        except (StoreError, InputError) as error:
-            _LOG.error("cycle %s was not stored: %s", record.uuid, error)
+        """Store the record; the time of the commit, or None when it is not certain that there was one."""
+        checks = master_checks(record) if trigger.mode is Mode.MASTER_CHECK else ()
+        committed_s = self._ledger.commit(record, checks)
+        if committed_s is None:
             self._error = LineErrorCode.STORE_FAULT
-            return None
-        return self._clock()
+        return committed_s
 
-    def _tell(self, record: CycleRecord, committed_s: float | None) -> Outcome | None:
-        """Tell the line what the record says, or that there is none."""
+    def _tell(self, record: CycleRecord, committed_s: float | None) -> tuple[Outcome | None, UUID]:
+        """Tell the line what is stored, or that nothing is; what it was told, and the cycle that says so."""
         sequence = record.trigger_sequence
+        standing = Standing.COMMITTED if committed_s is not None else Standing.NOT_COMMITTED
+        why = f"the commit was not confirmed within {self._bounds.store_s:g} s"
+        if self._interruption is not None:
+            standing, why = Standing.ABORTED, f"the line sent {self._interruption}"
+        cycle = self._ledger.tell(record, standing, committed=committed_s is not None, why=why)
+        if committed_s is not None and self._ledger.owes and not self._ledger.settle():
+            # After a restart the cycle alone would be believed.
+            self._error = LineErrorCode.STORE_FAULT
         if isinstance(self._interruption, Reset):
             # The line forgot this vehicle; its number may be in use again.
-            return None
-        standing = Standing.COMMITTED if committed_s is not None else Standing.NOT_COMMITTED
-        if self._interruption is not None:
-            standing = Standing.ABORTED
-            if record.outcome is not CycleOutcome.ABORTED:
-                self._note(Severity.WARNING, Closing.ABORTED_LATE, closing_text(record.uuid, sequence))
+            return None, cycle
         answers = answers_of(record, standing)
         try:
-            return self._line.send_results(sequence, answers.wheels, answers.axles, answers.vehicle)
+            told = self._line.send_results(sequence, answers.wheels, answers.axles, answers.vehicle)
         except (LineError, InputError) as error:
             _LOG.error("results of cycle %s were not sent: %s", record.uuid, error)
             self._note(Severity.ERROR, "not_reported", f"cycle {record.uuid}: {error}")
             self._error = LineErrorCode.LINE_FAULT
-            return None
+            if standing is Standing.COMMITTED:
+                why = f"its results were not sent: {error}"
+                cycle = self._ledger.tell(record, Standing.NOT_COMMITTED, committed=True, why=why)
+            return None, cycle
+        return told, cycle
 
     def _offer_again(self) -> None:
         """Hold the last cycle's results when the program ended before the line acknowledged them."""
-        found = self._store_thread.call(unacknowledged, self._store, self._identity.station)
+        found = self._ledger.unacknowledged()
         if found is None:
             return
         record, standing = found
@@ -403,7 +413,7 @@ class MeasuringCycle:
         assert self._held is not None
         sequence = self._held.sequence
         deadline = self._clock() + self._bounds.acknowledge_s
-        while (remaining := deadline - self._clock()) > 0:
+        while not self._stopping.is_set() and (remaining := deadline - self._clock()) > 0:
             command = self._line.next_command(min(remaining, 5 * POLL_S))
             if isinstance(command, Acknowledge) and command.sequence == sequence:
                 self._close_held(Closing.ACKNOWLEDGED)
@@ -419,29 +429,29 @@ class MeasuringCycle:
         )
 
     def _close_held(self, how: Closing) -> None:
-        """Record what became of the held results, and go on."""
+        """Record what became of the held results, and go on; without that record the station is not ready."""
         held, self._held = self._held, None
         assert held is not None
-        if held.cycle is not None:
-            severity = Severity.INFO if how is Closing.ACKNOWLEDGED else Severity.WARNING
-            self._note(severity, how, closing_text(held.cycle, held.sequence))
-        self._machine.enter(held.after)
+        after = held.after
+        stored = held.cycle is None or self._ledger.end(held.cycle, held.sequence, how)
+        if not stored and after is not StationState.FAULT:
+            self._error, self._fault_wheel, after = LineErrorCode.STORE_FAULT, None, StationState.FAULT
+        self._machine.enter(after)
 
     def _needs_reset(self, report: CycleReport) -> bool:
         not_told = report.told is None and not isinstance(self._interruption, Reset)
         return (
             report.committed_s is None
             or not_told
-            or bool(self._running)
+            or self._wheel_threads.left
+            or self._ledger.owes
             or any(failure.needs_reset for failure in report.evaluation.failures)
         )
 
     def _drain(self) -> None:
         """After an abort, wait for the wheels that were left behind: their cameras are still in use."""
-        if self._running and self._interruption is not None:
-            _, self._running = wait(self._running, self._bounds.measure_s)
-            if self._running:
-                self._error = LineErrorCode.CYCLE_TIMEOUT
+        if self._interruption is not None and not self._wheel_threads.drain(self._bounds.measure_s):
+            self._error = LineErrorCode.CYCLE_TIMEOUT
 
     def _recover(self) -> None:
         """Leave the fault if what failed is back; held results are given up."""
@@ -450,14 +460,13 @@ class MeasuringCycle:
         if self.state is not StationState.FAULT:
             self._entered(self.state)
             return
-        self._running = {future for future in self._running if not future.done()}
-        failures = connect_all([position.rig for position in self._positions.values()])
-        if self._running:
+        if self._wheel_threads.left:
+            # Their cameras are in use, and are not to be touched from here.
             self._error = LineErrorCode.CYCLE_TIMEOUT
-        elif failures:
+        elif failures := connect_all([position.rig for position in self._positions.values()]):
             self._error = LineErrorCode.CAMERA_FAULT
             self._provoked.say((Severity.ERROR, str(self._error)), "; ".join(map(str, failures)))
-        elif not self._note(Severity.INFO, "reset", "the line reset the station"):
+        elif not (self._ledger.settle() and self._note(Severity.INFO, "reset", "the line reset the station")):
             self._error = LineErrorCode.STORE_FAULT
         else:
             self._machine.enter(StationState.IDLE)
@@ -483,15 +492,4 @@ class MeasuringCycle:
         self._observer.entered(state)
 
     def _note(self, severity: Severity, code: str, text: str) -> bool:
-        """Record an event; false when the database did not take it, which the next commit will meet too."""
-        try:
-            self._store_thread.call(self._store.record_event, self._event(severity, code, text))
-        except StoreError as error:
-            _LOG.error("event %s was not stored: %s (%s)", code, text, error)
-            return False
-        return True
-
-    def _event(self, severity: Severity, code: str, text: str) -> EventRecord:
-        return EventRecord(
-            self._now(), self._identity.station, severity, "station.cycle", code, text, self._clock()
-        )
+        return self._ledger.note(severity, code, text)

@@ -1,15 +1,16 @@
 """Results that the line was told and did not acknowledge: found again after a restart of the station.
 
-What became of a cycle's results is an event of the database: it is only ever added, and names the cycle.
+What became of a cycle's results is an event of the database: it is only ever added, and its UUID is made of
+the cycle's and of what became of it. So it is found without a search, whatever the clocks said meanwhile.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
-from uuid import UUID
+from uuid import UUID, uuid5
 
 from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
 from station.line.messages import StationState
@@ -22,12 +23,17 @@ _NEWEST = 20
 class Closing(enum.StrEnum):
     """Event codes that say what became of a cycle's results; the event's text begins with the cycle.
 
-    ACKNOWLEDGED: the controller took them over. DISCARDED: it reset the station instead. ABORTED_LATE: it was
-    told 'aborted', because the abort came after the commit; not an end by itself.
+    OFFERED: the commit was confirmed in time, and the line is told what is stored. Without it nobody knows
+    after a restart what the line was told, so it can have been nothing but a fault. ACKNOWLEDGED: the
+    controller took the results over. DISCARDED: it reset the station instead. CONTRADICTED: the line was told
+    otherwise than the cycle says; a cycle that says what it was told follows. ABORTED_LATE: the same, because
+    an abort or a reset came after the commit.
     """
 
+    OFFERED = "offered"
     ACKNOWLEDGED = "acknowledged"
     DISCARDED = "discarded"
+    CONTRADICTED = "contradicted"
     ABORTED_LATE = "aborted_late"
 
 
@@ -50,11 +56,20 @@ class History(Protocol):
         """Return the last cycles of a station, newest first."""
         ...
 
+    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
+        """Return those of these events that are stored."""
+        ...
+
     def recent_events(
         self, n: int, station: str | None = None, codes: Sequence[str] = ()
     ) -> tuple[EventRecord, ...]:
         """Return the last events of a station, of each code so many, newest first."""
         ...
+
+
+def closing_id(cycle: UUID, how: Closing) -> UUID:
+    """Return the UUID of a closing event: writing it twice stores it once."""
+    return uuid5(cycle, str(how))
 
 
 def closing_text(cycle: UUID, sequence: int) -> str:
@@ -64,6 +79,9 @@ def closing_text(cycle: UUID, sequence: int) -> str:
 
 def unacknowledged(history: History, station: str) -> tuple[CycleRecord, Standing] | None:
     """Return the station's last cycle when nobody acknowledged its results, and how the line was told it.
+
+    A cycle whose offer was not confirmed counts as not committed: the program may have ended while the commit
+    outlasted its bound, after the line had been told of a fault.
 
     Raises
     ------
@@ -76,8 +94,9 @@ def unacknowledged(history: History, station: str) -> tuple[CycleRecord, Standin
     codes = _closings(history, record)
     if codes & {Closing.ACKNOWLEDGED, Closing.DISCARDED}:
         return None
-    aborted = record.outcome is CycleOutcome.ABORTED or Closing.ABORTED_LATE in codes
-    return record, Standing.ABORTED if aborted else Standing.COMMITTED
+    if record.outcome is CycleOutcome.ABORTED or Closing.ABORTED_LATE in codes:
+        return record, Standing.ABORTED
+    return record, Standing.COMMITTED if Closing.OFFERED in codes else Standing.NOT_COMMITTED
 
 
 def _last_cycle(history: History, station: str) -> CycleRecord | None:
@@ -87,5 +106,9 @@ def _last_cycle(history: History, station: str) -> CycleRecord | None:
 
 def _closings(history: History, record: CycleRecord) -> set[str]:
     """Codes of the events of this cycle."""
+    found = {event.code for event in history.stored_events([closing_id(record.uuid, how) for how in Closing])}
+    if found:
+        return found
+    # Earlier programs named the cycle in the text alone.
     events = history.recent_events(_NEWEST, record.station, tuple(Closing))
     return {event.code for event in events if event.text.startswith(str(record.uuid))}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
+from uuid import UUID
 
 from db.records import (
     CalibrationCheckRecord,
@@ -89,8 +90,16 @@ class Store(Protocol):
         """Store a check of a calibration."""
         ...
 
+    def cycle(self, uuid: UUID) -> StoredCycle | None:
+        """Return the cycle of this UUID."""
+        ...
+
     def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
         """Return the last cycles, newest first; of one station when it is named."""
+        ...
+
+    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
+        """Return those of these events that are stored."""
         ...
 
     def recent_events(

@@ -201,6 +201,11 @@ class WheelPosition:
         valid = self.in_force.valid_at(self._now())
         return WheelResult(self.name, self.in_force.calibration.id, valid, None, failure)
 
+    def late(self, bound_s: float) -> WheelResult:
+        """Return the result of this wheel when its images and angles did not come within the bound."""
+        text = f"{self.name}: expected images and angles within {bound_s:g} s"
+        return self.failed(fault(LineErrorCode.CYCLE_TIMEOUT, text))
+
     def run(self, zeros: Sequence[ZeroRecord] = ()) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
 

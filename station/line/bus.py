@@ -180,6 +180,11 @@ class LineBus:
             last_error=self._last_error or (f"receive: {receive_error!r}" if receive_error else None),
         )
 
+    @property
+    def thread(self) -> SupervisedThread:
+        """The receiving thread, for who looks after threads."""
+        return self._receiver
+
     def close(self) -> None:
         """Join the receiving thread, finish the log, shut the bus down; harmless when closed."""
         self._receiver.stop()

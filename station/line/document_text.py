@@ -126,8 +126,14 @@ HELD_AND_LOST = """
   stands on the bus already is refused with `start_stale`: the vehicle may be another one by then.
 - **Safe state of the controller**: no good `Status` for {status_ms} ms. It withdraws its command and
   treats the vehicle as not measured until the station holds a result for it.
-- **Power lost at any moment**: before the commit nothing is stored and nothing was told, the vehicle is not
-  measured. After it the record is whole and its results are offered until they are acknowledged.
+- **What is told is what is stored**: a verdict is sent after two commits, of the record and of the note
+  that it is going to be told. One that takes longer than its bound is told as a fault (`store_fault`). The
+  record may then land late all the same; a record behind it says what the line was told, and has the
+  vehicle's last word. The station is not ready before that, and every acknowledgement, is stored: until
+  then a reset is answered with `store_fault`.
+- **Power lost at any moment**: before the first commit nothing is stored and nothing was told, the vehicle
+  is not measured. In the milliseconds up to the second nobody knows afterwards what was told: the vehicle
+  is offered, and stored, as a fault. After it the results are offered until they are acknowledged.
   `truewheel study line-power-loss` kills both sides at every step and looks.
 """
 

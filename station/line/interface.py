@@ -169,6 +169,11 @@ class StationLine:
                 self._faults,
             )
 
+    @property
+    def threads(self) -> tuple[SupervisedThread, ...]:
+        """Its threads, for who looks after them: of the cyclic messages, and of the bus."""
+        return self._cyclic, self._bus.thread
+
     def next_command(self, timeout_s: float) -> Command | None:
         """Take the next command; None when there is none within the bounded time.
 

@@ -31,6 +31,11 @@ class SupervisedThread:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     @property
+    def name(self) -> str:
+        """Of the thread."""
+        return self._thread.name
+
+    @property
     def alive(self) -> bool:
         """True while the thread runs."""
         return self._thread.is_alive()

@@ -55,8 +55,8 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     text = f"""
 The station's process was killed at {counts["station"]} steps of a cycle and the controller's at
 {counts["controller"]}: before and after each call to line and database, at each statement and commit, at each
-frame. After the restart the controller had the stored result, or a fault and nothing was stored; a record was
-whole or absent; no verdict was on the bus that is not stored.
+frame. After the restart the controller had the stored result, or a fault: then nothing was stored, or a fault
+too; a record was whole or absent; no verdict was on the bus that is not stored.
 {"Wrong: " + "; ".join(f"{row['side']} at {row['name']}: {row['wrong']}" for row in wrong) if wrong else ""}
 """
     return StudyResult(tuple(rows), figures, (Goal("wrong", "at_most", 0),), text)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from uuid import UUID
 
 import numpy as np
 
@@ -65,9 +66,11 @@ class FakeRig:
         self.shoot_error: TruewheelError | None = None
         self.connect_error: TruewheelError | None = None
         self.gate: threading.Event | None = None
+        self.shooting = threading.Event()
         self.shot = sample_shot(rig=name)
 
     def connect(self) -> None:
+        self.log.append(f"connected {self.name}")
         if self.connect_error is not None:
             raise self.connect_error
 
@@ -77,6 +80,7 @@ class FakeRig:
         self.log.append(f"armed {self.name}")
 
     def shoot(self, timeout_s: float) -> Any:
+        self.shooting.set()
         if self.gate is not None:
             assert self.gate.wait(GATE_S)
         if self.shoot_error is not None:
@@ -95,6 +99,7 @@ class FakeLine:
         self.log = log
         self.queue: list[Command] = []
         self.at: dict[StationState, Command] = {}
+        self.on_poll: Callable[[], None] = lambda: None
         self.on_delivery: Callable[[], None] = lambda: None
         self.acknowledges = True
         self.status = StationStatus(StationState.FAULT, LineErrorCode.STARTING)
@@ -106,6 +111,7 @@ class FakeLine:
         self.on_live: Callable[[], None] = lambda: None
 
     def next_command(self, timeout_s: float) -> Command | None:
+        self.on_poll()
         if self.status.state in self.at:
             command = self.at.pop(self.status.state)
             self.on_delivery()
@@ -162,13 +168,20 @@ class FakeStore:
         self.zeros_error: TruewheelError | None = None
         self.error: TruewheelError | None = None
         self.gate: threading.Event | None = None
+        # Called with every record before it is kept: raises, or waits.
+        self.hold: Callable[[Any], None] = lambda record: None
+        # And after it was kept, before the call returns.
+        self.landed: Callable[[Any], None] = lambda record: None
 
     def _write(self, records: list[Any], record: Any) -> None:
         if self.gate is not None:
             assert self.gate.wait(GATE_S)
         if self.error is not None:
             raise self.error
-        records.append(record)
+        self.hold(record)
+        if record not in records:
+            records.append(record)
+        self.landed(record)
 
     def write_cycle(self, record: CycleRecord) -> None:
         self._write(self.cycles, record)
@@ -186,6 +199,12 @@ class FakeStore:
     def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
         found = [record for record in self.cycles[::-1] if station in (None, record.station)]
         return tuple(StoredCycle(record, TODAY) for record in found[:n])
+
+    def cycle(self, uuid: UUID) -> StoredCycle | None:
+        return next((StoredCycle(record, TODAY) for record in self.cycles if record.uuid == uuid), None)
+
+    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
+        return tuple(event for event in self.events if event.uuid in uuids)
 
     def recent_events(
         self, n: int, station: str | None = None, codes: Sequence[str] = ()
@@ -229,12 +248,13 @@ class Bench:
         store_s: float = 5.0,
         adjust_s: float = 600.0,
         image_folder: Path | None = None,
+        store: Any = None,
     ) -> None:
         self.log: list[str] = []
         self.clock = Clock()
         self.today = TODAY
         self.line = FakeLine(self.clock, self.log)
-        self.store = FakeStore(self.log)
+        self.store = FakeStore(self.log) if store is None else store
         self.rigs = {name: FakeRig(name, self.log) for name in WHEELS}
         self.found: dict[str, WheelMeasurement | Refusal] = {}
         self.raises: Exception | None = None
@@ -269,8 +289,24 @@ class Bench:
         vehicle_type: int = 1,
         mode: Mode = Mode.AUTOMATIC,
     ) -> CycleReport | None:
-        self.line.queue.append(Trigger(sequence, tuple(wheels), vehicle_type, VIN, self.clock.now, mode))
+        self.queue_trigger(sequence, wheels, vehicle_type, mode)
         return self.cycle.step(0.1)
+
+    def queue_trigger(
+        self,
+        sequence: int = 1,
+        wheels: Sequence[str] = WHEELS,
+        vehicle_type: int = 1,
+        mode: Mode = Mode.AUTOMATIC,
+    ) -> None:
+        self.line.queue.append(Trigger(sequence, tuple(wheels), vehicle_type, VIN, self.clock.now, mode))
+
+    def let_the_rigs_shoot_too_long(self) -> None:
+        """As `line.on_poll`: once all rigs are shooting, time passes."""
+        if self.cycle.state is StationState.MEASURING:
+            for rig in self.rigs.values():
+                assert_set(rig.shooting)
+            self.clock.now += 1000.0
 
     @property
     def states(self) -> list[StationState]:
@@ -285,9 +321,30 @@ def open_bench(**bounds: Any) -> Iterator[Bench]:
         yield bench
     finally:
         for part in (*bench.rigs.values(), bench.store):
-            if part.gate is not None:
+            if getattr(part, "gate", None) is not None:
                 part.gate.set()
         bench.cycle.close()
+
+
+class Restarted:
+    """The same station after its program ended: the same database, a new line, a new cycle."""
+
+    def __init__(self, before: Bench) -> None:
+        self.bench = Bench()
+        self.bench.store.cycles = list(before.store.cycles)
+        self.bench.store.events = list(before.store.events)
+        self.bench.today = before.today
+        self.bench.cycle.start()
+
+    def __enter__(self) -> Bench:
+        return self.bench
+
+    def __exit__(self, *error: object) -> None:
+        self.bench.cycle.close()
+
+
+def assert_set(event: threading.Event) -> None:
+    assert event.wait(GATE_S)
 
 
 def camera_error() -> CameraError:

@@ -40,10 +40,16 @@ def test_station_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
     assert names.index("before write_cycle") < names.index("before send_results")
     inserted = names.index("statement INSERT INTO wheel_results")
     committed = names.index("after write_cycle")
-    for step, ended in ((inserted, "fault"), (committed, "result")):
+    offered = names.index("after record_event")
+    assert committed < offered < names.index("before send_results")
+    for step, ended, stored in (
+        (inserted, "fault", False),
+        (committed, "fault", True),
+        (offered, "result", True),
+    ):
         found = bench.kill_station(step, names[step])
         assert found.wrong == ()
-        assert (found.ended, found.stored) == (ended, ended == "result")
+        assert (found.ended, found.stored) == (ended, stored)
 
 
 def test_controller_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:

@@ -1,0 +1,61 @@
+"""One thread for each rig: cameras mostly wait, and the mathematics releases the interpreter.
+
+A rig that hangs keeps its own thread and no other. What was given up is remembered as long as it goes on: its
+cameras are still in use.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, wait
+from typing import Any, ParamSpec, TypeVar
+
+from station.worker import Worker, WorkerError
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_CLOSING_S = 5.0
+
+
+class WheelThreads:
+    """The threads of some rigs, by their names."""
+
+    def __init__(self, rigs: Iterable[str]) -> None:
+        self._workers = {rig: Worker(f"wheel {rig}") for rig in rigs}
+        self._left: set[Future[Any]] = set()
+
+    @property
+    def workers(self) -> tuple[Worker, ...]:
+        """Of all rigs."""
+        return tuple(self._workers.values())
+
+    @property
+    def left(self) -> bool:
+        """Whether anything that was given up still goes on."""
+        self._left = {future for future in self._left if not future.done()}
+        return bool(self._left)
+
+    def submit(self, rig: str, call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        """Let a rig's thread make a call; a thread that takes none gives a future that says so."""
+        try:
+            return self._workers[rig].submit(call, *args, **kwargs)
+        except WorkerError as error:
+            failed: Future[_T] = Future()
+            failed.set_exception(error)
+            return failed
+
+    def leave(self, futures: Iterable[Future[Any]]) -> None:
+        """Give up waiting; what has not begun does not begin."""
+        self._left |= {future for future in futures if not future.cancel()}
+
+    def drain(self, timeout_s: float) -> bool:
+        """Wait for what was given up; false when it goes on beyond the bound."""
+        wait(self._left, timeout_s)
+        return not self.left
+
+    def close(self) -> bool:
+        """End all threads within a bound; false when one hangs and is left to itself."""
+        deadline = time.monotonic() + _CLOSING_S
+        ended = [worker.close(max(0.0, deadline - time.monotonic())) for worker in self._workers.values()]
+        return all(ended)

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from db.records import CheckOutcome
+from sensors.formats import read_shot
+from station.line.messages import (
+    LineErrorCode,
+    LiveAngles,
+    LiveState,
+    Mode,
+    Outcome,
+    Prepare,
+    StationState,
+    Stop,
+)
+from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with open_bench() as bench:
+        yield bench
+
+
+def test_master_wheel_is_stored_as_a_check_too(bench: Bench) -> None:
+    bench.found["rear_left"] = measurement(toe=0.02)
+    bench.trigger(mode=Mode.MASTER_CHECK)
+    outcomes = {check.calibration_id: check.outcome for check in bench.store.checks}
+    assert outcomes == {
+        f"cal-{wheel}": CheckOutcome.OUT if wheel == "rear_left" else CheckOutcome.WITHIN for wheel in WHEELS
+    }
+    assert len(bench.store.cycles) == 1
+
+
+def test_adjusting_shows_live_angles_until_stop_and_then_measures(bench: Bench) -> None:
+    bench.found["rear_left"] = measurement(toe=0.02)
+    shown: list[int] = []
+
+    def stop_after_two_of_each() -> None:
+        shown.append(1)
+        wheels = [angles.wheel for angles, _ in bench.line.live]
+        if min(wheels.count(wheel) for wheel in WHEELS) == 2:
+            bench.line.queue.append(Stop(1))
+
+    bench.line.on_live = stop_after_two_of_each
+    report = bench.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is Outcome.NOK
+    assert bench.states[1:4] == [StationState.ARMED, StationState.ADJUSTING, StationState.MEASURING]
+    last = {angles.wheel: angles for angles, _ in bench.line.live}
+    assert last["rear_left"].state is LiveState.OUTSIDE
+    assert last["front_left"].state is LiveState.INSIDE
+    assert last["front_left"].camber_deg == pytest.approx(math.degrees(0.001))
+    assert last["front_left"].shot >= 2
+    assert len(bench.store.cycles) == 1
+
+
+def test_camera_that_fails_amid_adjusting_is_shown_and_does_not_end_it(bench: Bench) -> None:
+    bench.rigs["front_left"].shoot_error = camera_error()
+
+    def mend() -> None:
+        if bench.line.live[-1][0] == LiveAngles("front_left", LiveState.NOT_MEASURED, 1):
+            bench.rigs["front_left"].shoot_error = None
+            bench.line.queue.append(Stop(1))
+
+    bench.line.on_live = mend
+    report = bench.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is Outcome.OK
+
+
+def test_prepare_arms_the_cameras_or_is_refused(bench: Bench) -> None:
+    bench.rigs["front_left"].arm_error = camera_error()
+    bench.line.queue.append(Prepare(3, WHEELS, 1))
+    bench.cycle.step(0.1)
+    assert [name for name in bench.log if name.startswith("armed")] == [f"armed {w}" for w in WHEELS[1:]]
+    bench.line.queue.append(Prepare(4, WHEELS, 77))
+    bench.cycle.step(0.1)
+    assert bench.line.refused == [(4, LineErrorCode.UNKNOWN_VEHICLE_TYPE)]
+    assert bench.cycle.state is StationState.IDLE
+
+
+def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Path) -> None:
+    assert bench.trigger(mode=Mode.CALIBRATE) is None
+    assert bench.line.refused == [(1, LineErrorCode.MODE_NOT_AVAILABLE)]
+    with open_bench(image_folder=tmp_path / "images") as able:
+        able.rigs["rear_right"].shoot_error = camera_error()
+        able.trigger(2, wheels=WHEELS[:3], mode=Mode.CALIBRATE)
+        assert set(able.line.outcomes.values()) == {Outcome.RECORDED}
+        assert able.store.cycles == []
+        assert "images" in able.store.event_codes
+        assert able.cycle.state is StationState.IDLE
+        (folder,) = (tmp_path / "images").iterdir()
+        assert sorted(path.name for path in folder.iterdir()) == sorted(WHEELS[:3])
+        assert read_shot(folder / "front_left").rig == "front_left"
+        able.trigger(3, mode=Mode.CALIBRATE)
+        assert able.line.outcomes["rear_right"] is Outcome.FAULT
+        assert able.line.outcomes["front_left"] is Outcome.RECORDED
+        assert able.cycle.state is StationState.FAULT
+        assert able.line.status.error_code is LineErrorCode.CAMERA_FAULT
