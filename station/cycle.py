@@ -7,7 +7,6 @@ same is remembered: a wheel keeps the station at fault, a commit is set right by
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import threading
 import time
@@ -17,7 +16,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from uuid import UUID
 
-from alignment.errors import InputError, LineError, StoreError, TruewheelError
+from alignment.errors import InputError, LineError, StoreError
 from db.records import CycleRecord, Severity, ZeroRecord
 from station.adjusting import Adjusting
 from station.calibration_images import CalibrationImages
@@ -49,9 +48,9 @@ from station.vehicle_types import VehicleType
 from station.wheel_threads import WheelThreads
 from station.wheels import (
     ABORTED,
+    Failure,
     WheelPosition,
     WheelResult,
-    connect_all,
     fault,
     result_of,
     utc_now,
@@ -268,11 +267,12 @@ class MeasuringCycle:
         if code is not None:
             self._line.refuse(prepare.sequence, code)
             return
-        for wheel in prepare.wheels:
-            try:
-                self._positions[wheel].rig.arm()
-            except TruewheelError as error:
-                self._provoked.say((Severity.WARNING, "not_prepared"), f"{wheel}: {error}")
+        for failure in self._arm([self._positions[wheel] for wheel in prepare.wheels]).values():
+            self._provoked.say((Severity.WARNING, "not_prepared"), failure.text)
+
+    def _arm(self, positions: Sequence[WheelPosition]) -> dict[str, Failure]:
+        calls = {position.name: position.rig.arm for position in positions}
+        return self._wheel_threads.each(calls, self._bounds.measure_s)
 
     def _refusal(self, trigger: Trigger | Prepare) -> LineErrorCode | None:
         """Why this trigger cannot be served, if it cannot."""
@@ -290,20 +290,15 @@ class MeasuringCycle:
 
     def _measured(self, positions: Sequence[WheelPosition], trigger: Trigger) -> tuple[WheelResult, ...]:
         """Arm, shoot and measure; one result for each position, whatever happens."""
-        results: dict[str, WheelResult] = {}
-        armed = []
         try:
             # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
             installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in positions]
             zeros = self._ledger.zeros(installed)
         except StoreError as error:
             return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
-        for position in positions:
-            try:
-                position.rig.arm()
-                armed.append(position)
-            except TruewheelError as error:
-                results[position.name] = position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
+        failures = self._arm(positions)
+        results = {p.name: p.failed(failures[p.name]) for p in positions if p.name in failures}
+        armed = [position for position in positions if position.name not in failures]
         if trigger.mode is Mode.ADJUST and len(armed) > 0 and not self._poll(trigger):
             for position in self._adjust(armed, zeros, trigger):
                 results[position.name] = position.late(self._bounds.measure_s)
@@ -337,11 +332,8 @@ class MeasuringCycle:
         if self._stopping.is_set():
             text = f"adjusting of start {trigger.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text)
-        for position in positions:
-            if position not in adjusting.late:
-                # Adjusting has armed them for another shot each time; once more for the one that counts.
-                with contextlib.suppress(TruewheelError):
-                    position.rig.arm()
+        # Adjusting has armed them for another shot each time; once more for the one that counts.
+        self._arm([position for position in positions if position not in adjusting.late])
         return adjusting.late
 
     def _run_wheels(
@@ -463,9 +455,13 @@ class MeasuringCycle:
         if self._wheel_threads.left:
             # Their cameras are in use, and are not to be touched from here.
             self._error = LineErrorCode.CYCLE_TIMEOUT
-        elif failures := connect_all([position.rig for position in self._positions.values()]):
+        elif failures := self._wheel_threads.each(
+            {position.name: position.rig.connect for position in self._positions.values()},
+            self._bounds.measure_s,
+        ):
             self._error = LineErrorCode.CAMERA_FAULT
-            self._provoked.say((Severity.ERROR, str(self._error)), "; ".join(map(str, failures)))
+            text = "; ".join(failure.text for failure in failures.values())
+            self._provoked.say((Severity.ERROR, str(self._error)), text)
         elif not (self._ledger.settle() and self._note(Severity.INFO, "reset", "the line reset the station")):
             self._error = LineErrorCode.STORE_FAULT
         else:

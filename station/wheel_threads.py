@@ -7,10 +7,13 @@ cameras are still in use.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, wait
 from typing import Any, ParamSpec, TypeVar
 
+from alignment.errors import TruewheelError
+from station.line.messages import LineErrorCode
+from station.wheels import Failure, fault
 from station.worker import Worker, WorkerError
 
 _P = ParamSpec("_P")
@@ -44,6 +47,23 @@ class WheelThreads:
             failed: Future[_T] = Future()
             failed.set_exception(error)
             return failed
+
+    def each(self, calls: Mapping[str, Callable[[], None]], timeout_s: float) -> dict[str, Failure]:
+        """Let some rigs make a call beside each other, within one bound; why those failed that did."""
+        futures = {self.submit(rig, call): rig for rig, call in calls.items()}
+        _, late = wait(futures, timeout_s)
+        self.leave(late)
+        failures = {}
+        for future, rig in futures.items():
+            if future in late:
+                text = f"{rig}: its cameras did not answer within {timeout_s:g} s"
+                failures[rig] = fault(LineErrorCode.CAMERA_FAULT, text)
+            elif isinstance(error := future.exception(), TruewheelError):
+                failures[rig] = fault(LineErrorCode.CAMERA_FAULT, str(error))
+            elif error is not None:
+                # A mistake in the program must become a fault that the line is told of.
+                failures[rig] = fault(LineErrorCode.INTERNAL_FAULT, f"{rig}: {type(error).__name__}: {error}")
+        return failures
 
     def leave(self, futures: Iterable[Future[Any]]) -> None:
         """Give up waiting; what has not begun does not begin."""

@@ -283,17 +283,6 @@ class WheelPosition:
         return found, None
 
 
-def connect_all(rigs: Sequence[ShootingRig]) -> list[TruewheelError]:
-    """Connect all rigs and return what failed, so that all failures can be reported together."""
-    failures: list[TruewheelError] = []
-    for rig in rigs:
-        try:
-            rig.connect()
-        except TruewheelError as error:
-            failures.append(error)
-    return failures
-
-
 def result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:
     """Return the result of a position that ran in a thread; a defect of the program becomes a fault."""
     try:

@@ -18,7 +18,7 @@ from station.line.messages import (
     Reset,
     StationState,
 )
-from station.wheels import WheelPosition, connect_all
+from station.wheels import WheelPosition
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
 GOOD_WAY = [
@@ -285,14 +285,17 @@ def test_angles_without_a_valid_calibration_are_a_fault_even_when_measured(
     assert set(bench.line.outcomes.values()) == {Outcome.FAULT}
 
 
-def test_connecting_reports_every_rig_that_failed(bench: Bench) -> None:
+def test_reset_reports_every_rig_that_does_not_connect(bench: Bench) -> None:
+    bench.store.error = store_error()
+    bench.trigger()
+    bench.store.error = None
     for name in ("front_left", "rear_right"):
         bench.rigs[name].connect_error = CameraError(name, "no answer")
-    failures = connect_all(list(bench.rigs.values()))
-    assert [str(failure) for failure in failures] == [
-        "camera front_left: no answer",
-        "camera rear_right: no answer",
-    ]
+    bench.line.queue.append(Reset(2))
+    bench.cycle.step(0.1)
+    (event,) = (event for event in bench.store.events if event.code == "camera_fault")
+    assert event.text == "camera front_left: no answer; camera rear_right: no answer"
+    assert bench.cycle.state is StationState.FAULT
 
 
 def test_times_of_a_cycle_run_on_the_monotonic_clock(bench: Bench) -> None:

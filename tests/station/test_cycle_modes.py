@@ -78,7 +78,8 @@ def test_prepare_arms_the_cameras_or_is_refused(bench: Bench) -> None:
     bench.rigs["front_left"].arm_error = camera_error()
     bench.line.queue.append(Prepare(3, WHEELS, 1))
     bench.cycle.step(0.1)
-    assert [name for name in bench.log if name.startswith("armed")] == [f"armed {w}" for w in WHEELS[1:]]
+    armed = [name for name in bench.log if name.startswith("armed")]
+    assert sorted(armed) == [f"armed {wheel}" for wheel in WHEELS[1:]]
     bench.line.queue.append(Prepare(4, WHEELS, 77))
     bench.cycle.step(0.1)
     assert bench.line.refused == [(4, LineErrorCode.UNKNOWN_VEHICLE_TYPE)]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from alignment.values import WheelMeasurement
@@ -114,6 +115,14 @@ def test_guard_band_of_an_axle_and_of_the_vehicle_is_k_of_their_own_uncertainty(
         assert record.vehicle_angles.coverage_factor == k
         assert {a.coverage_factor for a in record.axles} == {k}
         assert record.outcome is (CycleOutcome.OK if good else CycleOutcome.NOK)
+
+
+@pytest.mark.parametrize("part", ["camber", "toe"])
+def test_each_angle_is_judged_with_its_own_uncertainty(part: str) -> None:
+    covariance = np.diag([U**2, (30 * U) ** 2] if part == "camber" else [(30 * U) ** 2, U**2])
+    found = replace(measurement(**{part: LIMIT - 3 * U}), angle_covariance=covariance)
+    (wheel,) = judged(KIND, {"front_left": found}).wheels
+    assert (wheel.camber.status, wheel.toe.status) == (Status.OK, Status.OK)
 
 
 def test_without_a_guard_band_the_limits_are_the_limits() -> None:

@@ -199,6 +199,56 @@ def test_defect_amid_adjusting_is_shown_and_does_not_end_it(bench: Bench) -> Non
     assert report.told is Outcome.OK
 
 
+@pytest.mark.parametrize("moment", ["arm", "connect"])
+def test_defect_in_a_cameras_driver_is_told_and_survived(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    """It ended the station's serving loop."""
+    rig = bench.rigs["rear_left"]
+    with monkeypatch.context() as patched:
+        patched.setattr(rig, moment, raising(KeyError("x")))
+        if moment == "connect":
+            rig.shoot_error = CameraError("rear_left", "it burns")
+        report = bench.trigger()
+        assert report is not None
+        assert bench.line.outcomes["rear_left"] is Outcome.FAULT
+        assert bench.line.outcomes["front_left"] is Outcome.OK
+        bench.line.queue.append(Reset(2))
+        bench.cycle.step(0.1)
+        if moment == "connect":
+            assert bench.cycle.state is StationState.FAULT
+            assert any("KeyError: 'x'" in event.text for event in bench.store.events)
+        else:
+            assert report.record.reason_code == "internal_fault"
+    rig.shoot_error = None
+    bench.line.queue.append(Reset(3))
+    bench.cycle.step(0.1)
+    report = bench.trigger(4)
+    assert report is not None
+    assert report.told is Outcome.OK
+
+
+def test_cameras_that_do_not_take_their_settings_in_time_are_a_fault_and_left_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whoever waited for them waited for ever."""
+    with open_bench(measure_s=0.1) as bench:
+        gate = threading.Event()
+        monkeypatch.setattr(bench.rigs["rear_left"], "arm", lambda: gate.wait(GATE_S))
+        report = bench.trigger()
+        assert report is not None
+        assert report.record.reason_code == "camera_fault"
+        assert "rear_left: its cameras did not answer within 0.1 s" in (report.record.reason_text or "")
+        bench.line.queue.append(Reset(2))
+        bench.cycle.step(0.1)
+        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+        gate.set()
+        assert bench.cycle._wheel_threads.drain(GATE_S)
+        bench.line.queue.append(Reset(3))
+        bench.cycle.step(0.1)
+        assert bench.cycle.state is StationState.IDLE
+
+
 def test_thread_that_has_ended_refuses_its_wheel_with_the_cause(bench: Bench) -> None:
     next(w for w in bench.cycle._wheel_threads.workers if w.name == "wheel rear_left").close()
     report = bench.trigger()
