@@ -7,9 +7,9 @@ further axle ``AxleResultX`` and ``AxleUncertaintyX``.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -18,130 +18,21 @@ import can
 from cantools.database.can import Database, Message
 from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
-from textparser import ParseError
 
-from alignment.errors import ConfigurationError, FormatError, InputError
-from alignment.file_limits import TEXT
-from sensors.formats.files import read_bytes
-from station.line.messages import (
-    Answer,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
-    LiveState,
-    Mode,
-    Outcome,
-    Part,
-    Quality,
-    StationState,
-)
+from alignment.errors import ConfigurationError, InputError
+from station.line.dbc_needs import FIXED, FLAG, INVALID, PER_AXLE, PER_WHEEL, VIN, Need
+from station.line.dbc_text import DAMAGED, read_dbc
 from station.line.protection import E2eParameters
 
 Value = float | int | str
-INVALID = "invalid"
 _FLAG_WORDS = {"no": 0, "yes": 1}
 VIN_LENGTH = 17
-
-
-@dataclass(frozen=True)
-class Need:
-    """What one signal must at least offer: a physical range, a resolution, the words of its value table."""
-
-    lowest: float = 0.0
-    highest: float = 1.0
-    step: float = 1.0
-    words: tuple[str, ...] = ()
-
-
-_SEQUENCE = Need(highest=255)
-_FLAG = Need()
-_OUTCOME = Need(words=("none", *Outcome))
-_ANGLE = Need(lowest=-10.0, highest=10.0, step=1e-4, words=(INVALID,))
-_SUM = Need(lowest=-20.0, highest=20.0, step=1e-4, words=(INVALID,))
-_UNCERTAINTY = Need(highest=1.0, step=1e-4, words=(INVALID,))
-
-_VIN = {
-    "Vin1": {"SequenceLow": Need(highest=15), **{f"Vin{k:02d}": Need(highest=127) for k in range(1, 7)}},
-    "Vin2": {"SequenceLow": Need(highest=15), **{f"Vin{k:02d}": Need(highest=127) for k in range(7, 13)}},
-    "Vin3": {"SequenceLow": Need(highest=15), **{f"Vin{k:02d}": Need(highest=127) for k in range(13, 18)}},
-}
-_FIXED = {
-    **_VIN,
-    "Command": {
-        "Code": Need(words=tuple(CommandCode)),
-        "Sequence": _SEQUENCE,
-        "Mode": Need(words=tuple(Mode)),
-        "VehicleType": Need(highest=65535),
-        "Heartbeat": _SEQUENCE,
-    },
-    "Status": {
-        "State": Need(words=tuple(StationState)),
-        "Sequence": _SEQUENCE,
-        "Ready": _FLAG,
-        "Busy": _FLAG,
-        "ResultValid": _FLAG,
-        "Fault": _FLAG,
-        "Handshake": Need(words=tuple(HandshakeState)),
-        "AliveCounter": Need(highest=255),
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
-        "ErrorSequence": _SEQUENCE,
-    },
-    "CommandAnswer": {
-        "Code": Need(words=tuple(CommandCode)),
-        "Sequence": _SEQUENCE,
-        "Answer": Need(words=tuple(Answer)),
-        "LinkUp": _FLAG,
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
-        "HeartbeatEcho": _SEQUENCE,
-    },
-    "StationInfo": dict.fromkeys(
-        ("InterfaceMajor", "InterfaceMinor", "SoftwareMajor", "SoftwareMinor", "SoftwarePatch", "Boot"),
-        _SEQUENCE,
-    ),
-    "ErrorDetail": {
-        "Part": Need(words=tuple(Part)),
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
-        "Sequence": _SEQUENCE,
-        "Wheel": Need(words=("none",)),
-        "Count": Need(highest=65535),
-    },
-    "VehicleResult": {
-        "Outcome": _OUTCOME,
-        "Sequence": _SEQUENCE,
-        "ThrustAngle": _ANGLE,
-        "ThrustSign": Need(words=("left_positive", "right_positive")),
-        "ThrustAngleU95": _UNCERTAINTY,
-    },
-}
-_PER_WHEEL = {
-    "WheelUncertainty": {
-        "Quality": Need(words=tuple(Quality)),
-        "Sequence": _SEQUENCE,
-        "CamberU95": _UNCERTAINTY,
-        "ToeU95": _UNCERTAINTY,
-        "Residual": Need(highest=1.0, step=0.01, words=(INVALID,)),
-    },
-    "WheelResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "Camber": _ANGLE, "Toe": _ANGLE},
-    "LiveAngles": {
-        "State": Need(words=tuple(LiveState)),
-        "Shot": _SEQUENCE,
-        "Camber": _ANGLE,
-        "Toe": _ANGLE,
-    },
-}
-_PER_AXLE = {
-    "AxleUncertainty": {
-        "Sequence": _SEQUENCE,
-        "TotalToeU95": _UNCERTAINTY,
-        "CamberDifferenceU95": _UNCERTAINTY,
-    },
-    "AxleResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "TotalToe": _SUM, "CamberDifference": _SUM},
-}
 
 
 # Where AUTOSAR E2E profile 1, variant 1A has its signals: CRC in byte 0, counter in the low half of byte 1.
 _E2E_SIGNALS = {"E2eCrc": (0, 8), "E2eCounter": (8, 4)}
 _E2E_PROFILE = "P01A"
+_SHORTEST_MS = 10
 
 
 def snake_case(name: str) -> str:
@@ -173,30 +64,33 @@ class LineDatabase:
         self.file = file
         self.definition = database
         self.protected: dict[str, E2eParameters] = {}
+        self._check_unique(database)
         self._by_name = {message.name: message for message in database.messages}
         self._by_id = {message.frame_id: message for message in database.messages}
-        for name, needs in _FIXED.items():
+        for name, needs in FIXED.items():
             self._check_message(name, needs)
         bits = [s for s in self._by_name["Command"].signals if re.fullmatch(r"Wheel[A-Z]\w*", s.name)]
         bits.sort(key=lambda signal: signal.start)
         self.wheels = self._parts("WheelResult", (signal.name.removeprefix("Wheel") for signal in bits))
         for ending in self.wheels.values():
-            self._check_message("Command", {f"Wheel{ending}": _FLAG})
-            for stem, needs in _PER_WHEEL.items():
+            self._check_message("Command", {f"Wheel{ending}": FLAG})
+            for stem, needs in PER_WHEEL.items():
                 self._check_message(stem + ending, needs)
         results = sorted((m for m in database.messages if m.name.startswith("AxleResult")), key=_frame_id)
         self.axles = self._parts("AxleResult", (m.name.removeprefix("AxleResult") for m in results))
         for ending in self.axles.values():
-            for stem, needs in _PER_AXLE.items():
+            for stem, needs in PER_AXLE.items():
                 self._check_message(stem + ending, needs)
         self.vin_messages = {
-            name: tuple(n for n in needs if n != "SequenceLow") for name, needs in _VIN.items()
+            name: tuple(n for n in needs if n != "SequenceLow") for name, needs in VIN.items()
         }
         self._check_wheel_numbers()
         self._check_data_ids()
-        version = (_attribute(database.dbc, f"Interface{part}") for part in ("Major", "Minor"))
-        major, minor = (value if isinstance(value, int) else 0 for value in version)
-        self.interface_version = major, minor
+        self._check_times()
+        self.interface_version = (
+            self._number(database.dbc, "the DBC", "InterfaceMajor", 0, 255, missing=0),
+            self._number(database.dbc, "the DBC", "InterfaceMinor", 0, 255, missing=0),
+        )
 
     def encode(self, name: str, values: Mapping[str, Value]) -> can.Message:
         """Make a frame of a message from the physical values or words of its signals, not yet protected.
@@ -316,7 +210,8 @@ class LineDatabase:
     def _protection(self, message: Message) -> E2eParameters:
         for name, place in _E2E_SIGNALS.items():
             signal = next((s for s in message.signals if s.name == name), None)
-            if signal is None or (signal.start, signal.length) != place or signal.is_signed:
+            fits = signal is not None and (signal.start, signal.length) == place and not signal.is_signed
+            if signal is None or not fits or signal.byte_order != "little_endian" or signal.is_float:
                 raise ConfigurationError(
                     file=self.file,
                     field=f"{message.name}.{name}",
@@ -324,18 +219,64 @@ class LineDatabase:
                     seen="none" if signal is None else f"{signal.length} bits from bit {signal.start}",
                 )
         profile = message.dbc.attributes.get("E2EProfile") if message.dbc else None
-        words = profile.definition.choices if profile else []
-        if profile is None or words[int(profile.value)] != _E2E_PROFILE:
+        word = "none" if profile is None else profile.value
+        words = list(profile.definition.choices or []) if profile is not None else []
+        if isinstance(word, int) and 0 <= word < len(words):
+            word = words[word]
+        if word != _E2E_PROFILE:
             raise ConfigurationError(
                 file=self.file,
                 field=f"{message.name}, attribute E2EProfile",
                 expected=_E2E_PROFILE,
-                seen="none" if profile is None else str(profile.value),
+                seen=str(word),
             )
         return E2eParameters(
-            int(_attribute(message.dbc, "E2EDataId") or 0),
-            int(_attribute(message.dbc, "E2EMaxDeltaCounter") or 1),
+            self._number(message.dbc, message.name, "E2EDataId", 0, 65535),
+            self._number(message.dbc, message.name, "E2EMaxDeltaCounter", 1, 14, missing=1),
         )
+
+    def _number(
+        self, holder: Any, name: str, attribute: str, lowest: int, highest: int, missing: int | None = None
+    ) -> int:
+        """Value of an attribute that must be a whole number in a range; `missing` where it is not set."""
+        value = _attribute(holder, attribute)
+        if value is None and missing is not None:
+            return missing
+        if not isinstance(value, int | float) or value != int(value) or not lowest <= value <= highest:
+            raise ConfigurationError(
+                file=self.file,
+                field=f"{name}, attribute {attribute}",
+                expected=f"a whole number from {lowest} to {highest}",
+                seen="none" if value is None else repr(value),
+            )
+        return int(value)
+
+    def _check_unique(self, database: Database) -> None:
+        """No two messages of one name or identifier, of which one would hide the other."""
+        seen: set[str | int] = set()
+        for message in database.messages:
+            for key in (message.name, message.frame_id):
+                if key in seen:
+                    raise ConfigurationError(
+                        file=self.file,
+                        field=message.name,
+                        expected="a name and an identifier that no other message has",
+                        seen=f"0x{message.frame_id:X} twice" if key == message.frame_id else "it twice",
+                    )
+                seen.add(key)
+
+    def _check_times(self) -> None:
+        """Cycle times and timeouts are none (0) or of an order that a line can keep."""
+        for name in self.protected:
+            for attribute in ("GenMsgCycleTime", "GenMsgCycleTimeFast", "GenMsgTimeoutTime"):
+                milliseconds = self._number(self._by_name[name].dbc, name, attribute, 0, 65535, missing=0)
+                if 0 < milliseconds < _SHORTEST_MS:
+                    raise ConfigurationError(
+                        file=self.file,
+                        field=f"{name}, attribute {attribute}",
+                        expected=f"0, or {_SHORTEST_MS} to 65535 milliseconds",
+                        seen=str(milliseconds),
+                    )
 
     def _check_wheel_numbers(self) -> None:
         signal = self._by_name["ErrorDetail"].get_signal_by_name("Wheel")
@@ -369,11 +310,25 @@ class LineDatabase:
         signal = next((s for s in message.signals if s.name == name), None)
         if signal is None:
             raise wrong("this signal", "a message without it")
+        if signal.is_float or not (math.isfinite(signal.scale) and math.isfinite(signal.offset)):
+            raise wrong("a whole raw value, a finite scale and offset", f"{signal.scale}, {signal.offset}")
+        if signal.scale <= 0:
+            raise wrong("a scale above 0", f"{signal.scale:g}")
         table = {str(word) for word in (signal.choices or {}).values()}
+        # A value that is a word for the library is no number any more, and a flag's 0 would be taken for yes.
+        if not need.words and (extra := table - (set(_FLAG_WORDS) if need is FLAG else set())):
+            raise wrong("numbers, without a value table", ", ".join(sorted(extra)))
+        numbers = {str(word): number for number, word in (signal.choices or {}).items()}
+        if need is FLAG and numbers and numbers != _FLAG_WORDS:
+            raise wrong("the words 0 no, 1 yes", ", ".join(f"{n} {word}" for word, n in numbers.items()))
         if missing := [word for word in need.words if word not in table]:
             raise wrong(
                 f"the words {', '.join(missing)} in the value table", ", ".join(sorted(table)) or "none"
             )
+        raw_lowest, raw_highest = _raw_range(signal)
+        for number, word in (signal.choices or {}).items():
+            if str(word) in need.words and not raw_lowest <= number <= raw_highest:
+                raise wrong(f"a number of {signal.length} bits for the word {word}", str(number))
         lowest, highest = _physical_range(signal)
         if signal.scale > need.step:
             raise wrong(f"steps of {need.step:g} or finer", f"{signal.scale:g}")
@@ -397,16 +352,13 @@ def load_line_database(path: str | PathLike[str]) -> LineDatabase:
         Naming the file, and the line of a syntax error or the message or signal that is missing or too small.
     """
     file = Path(path)
-    database = Database()
+    database = read_dbc(file)
     try:
-        database.add_dbc_string(read_bytes(file, "a DBC", TEXT).decode("cp1252"))
-    except FormatError as error:
-        raise ConfigurationError(
-            file=file, expected=error.expected, seen=error.seen, cure=error.cure
-        ) from error
-    except (CantoolsError, ParseError, ValueError, KeyError) as error:
-        raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error) or repr(error)) from error
-    return LineDatabase(database, file)
+        return LineDatabase(database, file)
+    except ConfigurationError:
+        raise
+    except DAMAGED as error:
+        raise ConfigurationError(file=file, expected="a DBC of the line", seen=repr(error)) from error
 
 
 def _plain(value: object) -> Value:
@@ -426,11 +378,15 @@ def _frame_id(message: Message) -> int:
     return message.frame_id
 
 
+def _raw_range(signal: Signal) -> tuple[int, int]:
+    """What a signal's bits can hold."""
+    lowest = -(2 ** (signal.length - 1)) if signal.is_signed else 0
+    return lowest, 2 ** (signal.length - signal.is_signed) - 1
+
+
 def _physical_range(signal: Signal) -> tuple[float, float]:
     """What a signal can carry: what its bits can hold, within the limits the DBC sets."""
-    raw_lowest = -(2 ** (signal.length - 1)) if signal.is_signed else 0
-    raw_highest = 2 ** (signal.length - signal.is_signed) - 1
-    lowest, highest = (raw * signal.scale + signal.offset for raw in (raw_lowest, raw_highest))
+    lowest, highest = (raw * signal.scale + signal.offset for raw in _raw_range(signal))
     if signal.minimum is not None:
         lowest = max(lowest, signal.minimum)
     if signal.maximum is not None:

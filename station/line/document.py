@@ -201,7 +201,7 @@ def _messages(database: LineDatabase) -> str:
             [
                 f"0x{message.frame_id:03X}",
                 message.name,
-                message.senders[0],
+                ", ".join(message.senders),
                 message.send_type or "",
                 message.cycle_time or "",
                 fast.value if fast else "",

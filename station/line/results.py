@@ -9,7 +9,8 @@ from typing import cast
 import can
 
 from alignment.errors import InputError, LineError
-from station.line.dbc import INVALID, LineDatabase, Value
+from station.line.dbc import LineDatabase, Value
+from station.line.dbc_needs import INVALID
 from station.line.messages import (
     AxleAnswer,
     LiveAngles,

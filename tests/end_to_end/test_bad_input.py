@@ -102,6 +102,7 @@ def test_missing_file_is_named(truewheel: Truewheel, wheel: Path, missing_name: 
         ),
         ("line.dbc", "WheelResultRearLeft", "WheelAnswerRearLeft", "WheelResultRearLeft"),
         ("line.dbc", "BO_ 288 Status: 8", "BO_ 288 Status: eight", "line.dbc"),
+        ("line.dbc", 'Time" BO_ 288 100;', 'Time" BO_ 288 "x";', 'a number, found "x"'),
     ],
 )
 @pytest.mark.parametrize("command", ["run", "demo"])

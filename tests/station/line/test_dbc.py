@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
+import os
 import re
 from pathlib import Path
 
 import cantools
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError
+from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.error_codes import MEANINGS
-from station.line.messages import LineErrorCode
-from tests.station.line.line_bench import DBC
+from station.line.interface import StationLine
+from station.line.messages import LineErrorCode, Trigger
+from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
 
 TEXT = DBC.read_text(encoding="cp1252")
 
@@ -92,6 +99,130 @@ def test_signal_missing_or_too_small(tmp_path: Path, pattern: str, replacement: 
         load_line_database(file)
     assert field in str(caught.value)
     assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "field", "seen"),
+    [
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r'\1 "x";', "attribute GenMsgCycleTime", '"x"'),
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r"\1 x;", "attribute GenMsgCycleTime", "x"),
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r"\1 ;", "attribute GenMsgCycleTime", "nothing"),
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r"\1 70000;", "attribute GenMsgCycleTime", "70000"),
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r"\1 1e999;", "attribute GenMsgCycleTime", "1e999"),
+        (r'^(BA_ "GenMsgCycleTime" BO_ 288) 100;', r"\1 1;", "attribute GenMsgCycleTime", "1"),
+        (r'^(BA_ "GenMsgTimeoutTime" BO_ 272) 500;', r'\1 "x";', "attribute GenMsgTimeoutTime", '"x"'),
+        (r'^(BA_ "E2EDataId" BO_ 272) \d+;', r'\1 "x";', "attribute E2EDataId", '"x"'),
+        (r'^BA_ "E2EMaxDeltaCounter" BO_ 272 3;', 'BA_ "E2EMaxDeltaCounter" BO_ 272 15;', "MaxDelta", "15"),
+        (r'^BA_ "InterfaceMajor" 2;', 'BA_ "InterfaceMajor" "two";', "attribute InterfaceMajor", '"two"'),
+        (r'^(BA_DEF_DEF_ "E2EDataId") 0;', r'\1 "x";', "attribute E2EDataId", '"x"'),
+        (r'^(BA_DEF_ BO_ "E2EDataId" INT) 0 65535;', r'\1 "x" 9;', "attribute E2EDataId", '"x" 9'),
+        (r"^(BO_ 288 Status): 8 ", r"\1: 2000000000 ", "Status", "2000000000"),
+        (r"^(BO_ 288 Status): 8 ", r'\1: "x" ', "Status", '"x"'),
+        (r"^BO_ 288 (Status)", r"BO_ 99999999999 \1", "Status", "99999999999"),
+        (r"SG_ Toe : 44\|20@", "SG_ Toe : 44|2000000000@", "Toe", "44|2000000000"),
+        (r"SG_ Toe : 44\|20@", "SG_ Toe : 99999999999999999999|20@", "Toe", "99999999999999999999|20"),
+    ],
+)
+def test_word_or_giant_where_a_number_belongs_is_named_with_its_line(
+    tmp_path: Path, pattern: str, replacement: str, field: str, seen: str
+) -> None:
+    """A word was an error without a place, a giant length took all memory."""
+    file = changed(tmp_path, pattern, replacement)
+    with pytest.raises(ConfigurationError) as caught:
+        load_line_database(file)
+    said = str(caught.value)
+    assert field in said
+    assert seen in said
+    lines = itertools.count(1), TEXT.splitlines(), file.read_text("cp1252").splitlines()
+    line = next(number for number, before, after in zip(*lines, strict=False) if before != after)
+    assert seen == "1" or f"line {line}" in said
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "field"),
+    [
+        (r"\Z", '\nVAL_ 272 Sequence 5 "five" ;\n', "Command.Sequence"),
+        (r"\Z", '\nVAL_ 272 WheelFrontLeft 0 "off" 1 "on" ;\n', "Command.WheelFrontLeft"),
+        (r"(^VAL_ 272 WheelFrontLeft) .*", r'\1 1 "no" 0 "yes" ;', "Command.WheelFrontLeft"),
+        (r'^(VAL_ 288 State .*)7 "adjusting"', r'\g<1>77 "adjusting"', "Status.State"),
+        (r"SG_ Sequence : 16\|8@1\+ \(1,0\)", "SG_ Sequence : 16|8@1+ (0,0)", "Sequence"),
+        (r"SG_ Sequence : 16\|8@1\+ \(1,0\)", "SG_ Sequence : 16|8@1+ (-1,255)", "Sequence"),
+        (r"SG_ E2eCrc : 0\|8@1", "SG_ E2eCrc : 7|8@0", "E2eCrc"),
+        (r'^BA_ "E2EDataId" BO_ 272 .*\n|^BA_DEF_DEF_ "E2EDataId".*\n', "", "Command, attribute E2EDataId"),
+        (r"\Z", "\nBO_ 289 Other: 8 STATION\n", "0x121 twice"),
+        (r"\Z", "\nBO_ 999 Status: 8 STATION\n", "Status"),
+        (
+            r'^BA_DEF_ BO_ "E2EProfile" ENUM "none","P01A";',
+            'BA_DEF_ BO_ "E2EProfile" ENUM "P01A";',
+            "E2EProfile",
+        ),
+    ],
+)
+def test_what_would_be_misread_is_refused(tmp_path: Path, pattern: str, replacement: str, field: str) -> None:
+    """A word among a number's values broke the receiving; other words of a flag were always yes."""
+    with pytest.raises(ConfigurationError) as caught:
+        load_line_database(changed(tmp_path, pattern, replacement))
+    assert field in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\0" * 100, b"\x7fELF\x02\x01" + bytes(64), "VERSION \u4e2d".encode("utf-16"), b"\x81"]
+)
+def test_file_of_another_kind(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "binary.dbc"
+    file.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"binary\.dbc"):
+        load_line_database(file)
+
+
+def test_pipe_folder_and_giant_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    pipe, giant = tmp_path / "pipe.dbc", tmp_path / "giant.dbc"
+    os.mkfifo(pipe)
+    with giant.open("wb") as file:
+        file.truncate(20_000_000_000)
+    for path, seen in (
+        (pipe, "a pipe"),
+        (tmp_path, "a folder"),
+        (giant, "20000.0 MB"),
+        (Path("/dev/zero"), "device"),
+    ):
+        with pytest.raises(ConfigurationError, match=seen):
+            load_line_database(path)
+
+
+_LINES = TEXT.splitlines(keepends=True)
+_TOKENS = [m.span() for m in re.finditer(r'"[^"]*"|[-\w.]+|[|@+;:\[\](),]', TEXT)]
+_JUNK = ['"x"', "x", "-1", "0", "1e999", "nan", "", '"', "2147483648", "16777215", "1.5", ";", "é", "\0"]
+CUT = st.integers(0, len(TEXT)).map(lambda k: TEXT[:k])
+WITHOUT_LINES = st.tuples(st.integers(0, len(_LINES) - 1), st.integers(1, 5)).map(
+    lambda d: "".join(_LINES[: d[0]] + _LINES[d[0] + d[1] :])
+)
+TWICE = st.sampled_from(_LINES).map(lambda line: TEXT + line)
+JUNK = st.tuples(st.sampled_from(_TOKENS), st.sampled_from(_JUNK)).map(
+    lambda d: TEXT[: d[0][0]] + d[1] + TEXT[d[0][1] :]
+)
+
+
+@settings(max_examples=60)
+@given(text=CUT | WITHOUT_LINES | TWICE | JUNK | JUNK | JUNK)
+def test_any_damage_is_one_error_or_a_line_that_works(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "damaged.dbc"
+    file.write_text(text, encoding="cp1252")
+    database: LineDatabase | None = None
+    with contextlib.suppress(ConfigurationError):
+        database = load_line_database(file)
+    if database is None:
+        return
+    with LineBus(FakeCanBus) as bus:
+        line = StationLine(bus, database, Clock())
+        bench = Bench(database, FakeCanBus(), bus, Clock(), line)
+        bench.idle()
+        bench.start(5)
+        assert [type(command) for command in bench.commands()] == [Trigger]
+        line.tick()
+        line.close()
 
 
 def test_syntax_error_names_its_line(tmp_path: Path) -> None:
