@@ -30,7 +30,7 @@ from station.line.messages import (
     WheelAnswer,
 )
 from station.line.protection import Protector
-from station.line.vin import VIN_LIFETIME_S, is_vin
+from station.line.vin import is_vin
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Bench, Clock, FakeCanBus, command_frame, vin_frame
 
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")
@@ -122,14 +122,6 @@ def test_vin_of_an_accepted_start_is_used_up(bench: Bench) -> None:
     bench.idle()
     bench.command("start", 1)
     assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
-
-
-def test_old_vin_frames_do_not_count(bench: Bench) -> None:
-    bench.vin(1)
-    bench.clock.now += VIN_LIFETIME_S + 0.01
-    bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
-    assert bench.commands() == []
 
 
 def test_vin_of_another_sequence_does_not_count(bench: Bench) -> None:

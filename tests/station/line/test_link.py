@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from station.line.interface import PREPARE_LIFETIME_S
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -135,7 +134,7 @@ def test_preparation_is_forgotten_after_a_while(bench: Bench) -> None:
     assert bench.commands() == [Prepare(3, ("front_left", "front_right"), 7)]
     assert bench.status.handshake is State.PREPARED
     assert bench.answer.answer is Answer.ACCEPTED
-    bench.clock.now += PREPARE_LIFETIME_S + 1
+    bench.clock.now += 301.0
     bench.line.tick()
     assert bench.status.handshake is State.READY
 
