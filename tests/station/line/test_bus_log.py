@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import can
 import pytest
 
 from alignment.errors import ConfigurationError
+from station.composition import bus_settings
+from station.config import read_configuration
 from station.line.bus import LineBus, open_bus
 from station.line.bus_log import open_log
 from station.line.channel import BusSettings
 from station.line.monitor import read_log
+from tests.station.line.line_bench import DBC
 
 FRAME_BYTES = 60
 
@@ -50,13 +54,13 @@ def test_restart_keeps_what_was_logged(tmp_path: Path, channel: str, ending: str
 @pytest.mark.parametrize("files", [1, 2, 4])
 def test_log_stays_within_its_size_and_number_of_files(tmp_path: Path, ending: str, files: int) -> None:
     """It grew until the disk was full."""
-    for start in range(0, 3000, 1000):
-        write(tmp_path / f"traffic{ending}", range(start, start + 1000), most_bytes=9000, files=files)
+    for start in range(0, 900, 300):
+        write(tmp_path / f"traffic{ending}", range(start, start + 300), most_bytes=3000, files=files)
         sizes = [file.stat().st_size for file in tmp_path.iterdir()]
         assert len(sizes) <= files
-        assert all(size <= 9000 + 2 * FRAME_BYTES + 500 for size in sizes)
+        assert all(size <= 3000 + 2 * FRAME_BYTES + 500 for size in sizes)
     numbers = kept(tmp_path)
-    assert numbers == list(range(3000 - len(numbers), 3000))
+    assert numbers == list(range(900 - len(numbers), 900))
     assert len(sizes) == files
 
 
@@ -64,8 +68,8 @@ def test_fewer_files_than_before_gives_the_oldest_up_and_touches_no_other(tmp_pa
     others = [tmp_path / name for name in ("traffic.old.log", "traffic.txt", "other.1.log", "traffic.01.log")]
     for other in others:
         other.write_text("mine")
-    write(tmp_path / "traffic.log", range(1000), most_bytes=3000, files=9)
-    write(tmp_path / "traffic.log", range(1000, 1001), most_bytes=3000, files=3)
+    write(tmp_path / "traffic.log", range(300), most_bytes=1000, files=9)
+    write(tmp_path / "traffic.log", range(300, 301), most_bytes=1000, files=3)
     assert all(other.read_text() == "mine" for other in others)
     names = {file.name for file in tmp_path.iterdir()} - {other.name for other in others}
     assert names == {"traffic.log", "traffic.1.log", "traffic.2.log"}
@@ -127,3 +131,32 @@ def test_log_that_does_not_open_leaves_no_bus(tmp_path: Path, channel: str) -> N
         open_bus(BusSettings(channel=channel, log=tmp_path / "absent" / "traffic.log"))
     with LineBus(lambda: can.Bus(interface="virtual", channel=channel)) as bus:
         assert bus.health.connected
+
+
+def test_bounds_come_from_the_configuration_and_change_no_hash(tmp_path: Path) -> None:
+    configs = shutil.copytree(DBC.parent, tmp_path / "configs")
+    file = configs / "station.toml"
+    text = file.read_text(encoding="utf-8")
+    plain = read_configuration(file)
+    assert bus_settings(plain).log is None
+    for line in ('log = "../traffic.log"', "log_mb = 100.0", "log_files = 10"):
+        assert f"# {line}\n" in text, "the delivered configuration shows the defaults"
+        text = text.replace(f"# {line}\n", line.replace("100.0", "0.5").replace("10", "3") + "\n")
+    file.write_text(text, encoding="utf-8")
+    chosen = read_configuration(file)
+    settings = bus_settings(chosen)
+    assert (settings.log_bytes, settings.log_files) == (500_000, 3)
+    assert settings.log is not None
+    assert settings.log.resolve() == tmp_path / "traffic.log"
+    assert chosen.hash == plain.hash
+    assert (bus_settings(plain).log_bytes, bus_settings(plain).log_files) == (100_000_000, 10)
+
+
+@pytest.mark.parametrize("line", ["log_mb = 0", "log_mb = 10001", "log_files = 0", "log_files = 1001"])
+def test_log_without_bounds_is_refused(tmp_path: Path, line: str) -> None:
+    configs = shutil.copytree(DBC.parent, tmp_path / "configs")
+    file = configs / "station.toml"
+    text = file.read_text(encoding="utf-8").replace("[line]\n", f"[line]\n{line}\n", 1)
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"line\.{line.partition(' ')[0]}"):
+        read_configuration(file)

@@ -6,8 +6,11 @@ clock that the test moves, so a restart can be tried at every moment of a cycle.
 
 from __future__ import annotations
 
+import contextlib
+import queue
 import random
 import re
+import time
 from collections import deque
 from collections.abc import Iterator
 
@@ -32,8 +35,9 @@ from station.line.messages import (
     WheelAnswer,
 )
 from tests.documents import snippets
-from tests.station.line.line_bench import DBC, VIN, Clock, FakeCanBus
+from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows
+from tests.station.line.test_plc import SmallStation
 from tests.structured_text import names_of, translated
 
 DATABASE = load_line_database(DBC)
@@ -404,6 +408,29 @@ def test_frames_that_get_lost_lose_no_vehicle(code: PageCode, seed: int) -> None
     assert all(world.triggers.count(vin) <= 1 for vin in VINS)
     world.judge()
     world.off_station()
+
+
+def test_controller_of_the_page_on_a_bus_beside_a_station_with_its_threads(
+    code: PageCode, station_bus: LineBus, plc_bus: LineBus
+) -> None:
+    frames: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
+    kept = Kept()
+
+    def send(identifier: int, data: bytes) -> None:
+        plc_bus.send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
+
+    plc_bus.listen(frames.put)
+    with SmallStation(StationLine(station_bus, DATABASE)):
+        plc = PagePlc(code, send, kept, time.monotonic())
+        plc.waiting += VINS[:2]
+        deadline = time.monotonic() + 2 * WAIT_S
+        while time.monotonic() < deadline and not (len(kept.results) == 2 and plc.plc.Step == "ready"):
+            with contextlib.suppress(queue.Empty):
+                frame = frames.get(timeout=0.01)
+                plc.receive(frame.arbitration_id, bytes(frame.data))
+            plc.scan(time.monotonic())
+    assert [(vin, outcome) for vin, _, outcome in kept.results] == [(vin, "ok") for vin in VINS[:2]]
+    assert kept.not_measured == []
 
 
 def test_every_name_of_the_steps_is_explained() -> None:
