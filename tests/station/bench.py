@@ -249,6 +249,7 @@ class Bench:
         adjust_s: float = 600.0,
         image_folder: Path | None = None,
         store: Any = None,
+        coverage_factor: float = 2.0,
     ) -> None:
         self.log: list[str] = []
         self.clock = Clock()
@@ -266,6 +267,7 @@ class Bench:
             self.line,
             self.store,
             Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),
+            coverage_factor,
             clock=self.clock,
             now=lambda: self.today,
             image_folder=image_folder,

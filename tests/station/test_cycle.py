@@ -305,3 +305,44 @@ def test_times_of_a_cycle_run_on_the_monotonic_clock(bench: Bench) -> None:
     assert record.measured_monotonic_s is not None
     assert record.received_monotonic_s <= record.measured_monotonic_s
     assert np.isfinite(record.received_monotonic_s)
+
+
+def test_time_of_the_start_is_when_it_was_received_not_when_it_was_served(bench: Bench) -> None:
+    bench.queue_trigger()
+    bench.clock.now += 3.0
+    bench.cycle.step(0.1)
+    (record,) = bench.store.cycles
+    assert record.received_utc == bench.today - timedelta(seconds=3.0)
+
+
+@pytest.mark.parametrize("coverage_factor", [1.0, 3.0])
+def test_verdicts_and_records_use_the_configured_coverage_factor(coverage_factor: float) -> None:
+    with open_bench(coverage_factor=coverage_factor) as bench:
+        limit = math.radians(0.5)
+        bench.found["front_left"] = measurement(toe=limit - 1.5e-5, u=1e-5)
+        report = bench.trigger(wheels=["front_left"])
+        assert report is not None
+        assert report.told is (Outcome.OK if coverage_factor < 1.5 else Outcome.NOK)
+        assert report.record.wheels[0].coverage_factor == coverage_factor
+        assert bench.line.sent[0][1][0].toe_u95_deg in (
+            None,
+            pytest.approx(math.degrees(coverage_factor * 1e-5)),
+        )
+
+
+@pytest.mark.parametrize("part", ["camber_u", "toe_u"])
+def test_either_uncertainty_that_says_nothing_refuses_the_wheel(bench: Bench, part: str) -> None:
+    large = math.radians(0.6) ** 2
+    covariance = np.diag([large, 1e-10] if part == "camber_u" else [1e-10, large])
+    bench.found["front_left"] = replace(measurement(), angle_covariance=covariance)
+    report = bench.trigger(wheels=["front_left"])
+    assert report is not None
+    assert report.record.reason_code == "too_uncertain"
+
+
+@pytest.mark.parametrize("covariance", [np.diag([0.0, 1e-10]), np.diag([1e-10, 0.0])])
+def test_either_uncertainty_of_nothing_is_a_fault(bench: Bench, covariance: object) -> None:
+    bench.found["front_left"] = replace(measurement(), angle_covariance=covariance)  # type: ignore[arg-type]
+    report = bench.trigger(wheels=["front_left"])
+    assert report is not None
+    assert report.record.reason_code == "internal_fault"

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from db.records import CheckOutcome
+from alignment.values import Refusal, RefusalCode
+from db.records import CheckOutcome, ZeroRecord
 from sensors.formats import read_shot
 from station.line.messages import (
     LineErrorCode,
@@ -18,7 +19,7 @@ from station.line.messages import (
     StationState,
     Stop,
 )
-from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench
+from tests.station.bench import TODAY, WHEELS, Bench, camera_error, measurement, open_bench
 
 
 @pytest.fixture
@@ -104,3 +105,40 @@ def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Pat
         assert able.line.outcomes["front_left"] is Outcome.RECORDED
         assert able.cycle.state is StationState.FAULT
         assert able.line.status.error_code is LineErrorCode.CAMERA_FAULT
+
+
+def zero(name: str, rig: str, calibration: str, toe: float) -> ZeroRecord:
+    return ZeroRecord(
+        name, rig, calibration, TODAY, master="m", method="tyre_plane", shots=1, camber=0.0, toe=toe,
+        certified_camber=0.0, certified_toe=0.0, camber_u=1e-5, toe_u=1e-5, correlation=0.0,
+        software_version="1.0",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", [Mode.AUTOMATIC, Mode.ADJUST])
+def test_zero_measurement_of_this_rig_and_calibration_alone_corrects(bench: Bench, mode: Mode) -> None:
+    bench.store.zeros = (
+        zero("other-calibration", "front_left", "cal-of-before", 0.004),
+        zero("other-rig", "rear_left", "cal-front_left", 0.003),
+        zero("own", "front_left", "cal-front_left", 0.002),
+    )
+    bench.line.on_live = lambda: bench.line.queue.append(Stop(1))
+    report = bench.trigger(wheels=["front_left"], mode=mode)
+    assert report is not None
+    (wheel,) = report.record.wheels
+    assert wheel.zero_measurement_id == "own"
+    plain = measurement().toe
+    assert abs(wheel.toe - plain) == pytest.approx(0.002, rel=1e-3)  # type: ignore[operator]
+    if mode is Mode.ADJUST:
+        angles, measured_s = bench.line.live[0]
+        assert angles.toe_deg == pytest.approx(math.degrees(wheel.toe))  # type: ignore[arg-type]
+        assert 1000.0 <= measured_s <= bench.clock.now
+
+
+def test_refused_master_is_no_check(bench: Bench) -> None:
+    bench.found["rear_left"] = Refusal(RefusalCode.HEAD_DARK, "no light lines")
+    bench.trigger(wheels=["rear_left", "front_left"], mode=Mode.MASTER_CHECK)
+    (check,) = bench.store.checks
+    assert (check.calibration_id, check.outcome) == ("cal-front_left", CheckOutcome.WITHIN)
+    (wheel,) = (wheel for wheel in bench.store.cycles[0].wheels if wheel.wheel == "front_left")
+    assert check.utc == wheel.measured_utc

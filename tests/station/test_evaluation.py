@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 import pytest
 
 from alignment.values import WheelMeasurement
-from db.records import CycleOutcome, CycleRecord, Verdict, WheelOutcome
+from db.records import CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelOutcome
 from station.contradiction import contradicts
 from station.cycle_record import cycle_record
 from station.evaluation import Evaluation, evaluate
@@ -317,3 +318,39 @@ def test_nothing_but_what_is_committed_is_told_with_values(standing: Standing) -
     valued = standing is Standing.COMMITTED
     assert all((wheel.camber_deg is not None) is valued for wheel in answers.wheels)
     assert contradicts(record, standing) is not valued
+
+
+def test_everything_that_explains_a_wheel_is_recorded() -> None:
+    times = {wheel: TODAY + timedelta(seconds=n) for n, wheel in enumerate(("rear_left", "front_left"))}
+    results = [
+        result(
+            wheel,
+            replace(measurement(), points_used=np.int64(4321), residual_rms_mm=np.float64(0.0123)),
+            measured_utc=utc,
+            device_time_s=77.5,
+            duration_s=0.25,
+            zero_id=f"zero-{wheel}",
+        )
+        for wheel, utc in times.items()
+    ]
+    evaluation = evaluate(KIND, results, 2.0)
+    record = recorded(KIND, evaluation)
+    for wheel in record.wheels:
+        assert (wheel.measured_utc, wheel.device_time_s) == (times[wheel.wheel], 77.5)
+        assert (wheel.zero_measurement_id, wheel.duration_s) == (f"zero-{wheel.wheel}", 0.25)
+        assert (wheel.points_used, wheel.residual_rms_mm) == (4321, 0.0123)
+        assert wheel.method == "tyre_plane/revolution"
+    # When the last images were taken, whichever rig took them, and when the last wheel was done.
+    assert record.measured_utc == times["front_left"]
+    assert (record.received_monotonic_s, record.measured_monotonic_s) == (100.0, 101.0)
+    assert (record.received_utc, record.trigger_sequence) == (TODAY, 7)
+    assert record.vehicle == VehicleRecord(VIN, "Car")
+    answers = answers_of(record, Standing.COMMITTED)
+    assert {answer.residual_mm for answer in answers.wheels} == {0.0123}
+
+
+def test_cycle_in_which_nothing_was_measured_has_no_time_of_measuring() -> None:
+    record = recorded(
+        KIND, evaluate(KIND, [result("front_left", None, measured_utc=None, failure=BROKEN)], 2.0)
+    )
+    assert (record.measured_utc, record.measured_monotonic_s) == (None, None)
