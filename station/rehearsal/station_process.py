@@ -115,8 +115,11 @@ def main() -> None:
     stopping = threading.Event()
 
     def wait_for_the_end() -> None:
-        sys.stdin.read()
-        stopping.set()
+        try:
+            sys.stdin.buffer.read()
+        finally:
+            # Whatever was wrong with what came, the station must not be left without an end.
+            stopping.set()
 
     threading.Thread(target=wait_for_the_end, name="line stdin", daemon=True).start()
     serve(order, stopping)

@@ -11,7 +11,7 @@ import pytest
 
 from alignment.errors import InputError
 from alignment.values import Refusal, RefusalCode
-from db.queries import ResultReader, vin_history
+from db.queries import ResultReader, since_last_good_check, vin_history
 from db.records import CycleOutcome, CycleRecord, EventRecord, Verdict, WheelOutcome
 from db.store import ResultStore
 from station.line.messages import (
@@ -295,8 +295,11 @@ def test_last_word_of_the_vehicle_is_fault_in_the_database_too(tmp_path: Path) -
             ends_well(bench, delay)
     with ResultReader(url) as reader:
         history = vin_history(reader, VIN)
+        groups = since_last_good_check(reader)
     assert [stored.record.outcome for stored in history.cycles] == [CycleOutcome.OK, CycleOutcome.FAULT]
     assert {"contradicted", "acknowledged"} <= {event.code for event in history.events}
+    (since,) = groups
+    assert [vehicle.outcome for vehicle in since.vehicles] == [CycleOutcome.OK, CycleOutcome.FAULT]
     with ResultStore(url) as store, open_bench(store=store) as again:
         assert again.line.sent == []
         assert again.cycle.state is StationState.IDLE
