@@ -160,7 +160,8 @@ def test_station_plays_recorded_shots_to_a_controller(replay: Path) -> None:
         assert store.recent_cycles(1)[0].record.config_hash == configuration.hash
 
 
-def test_station_ends_cleanly_when_told_by_a_signal(replay: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_station_ends_cleanly_when_told_by_a_signal(replay: Path, number: signal.Signals) -> None:
     command = [sys.executable, "-m", "station.cli", "run", "--config", str(replay)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as station:
         assert station.stderr is not None
@@ -171,7 +172,7 @@ def test_station_ends_cleanly_when_told_by_a_signal(replay: Path) -> None:
                 break
         assert lines
         assert "is ready" in lines[-1], "".join(lines)
-        station.send_signal(signal.SIGTERM)
+        station.send_signal(number)
         rest = station.communicate(timeout=60)[1]
     assert station.returncode == 0
     assert "stopped" in rest

@@ -20,7 +20,9 @@ from db.store import ResultStore
 from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
-from station.archive import ImageArchive
+from station.archive import ArchivingObserver, ImageArchive
+from station.line.messages import Trigger
+from station.ports import CycleReport, Observer
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
 
 WIDE = Policy(10**9, 30.0, 300.0)
@@ -255,3 +257,50 @@ def test_disk_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
     assert not station.is_alive()
     assert said == ["images of 1 cycles are not archived: the station ended before they were written"]
     gate.set()
+
+
+class Offered:
+    """Stands for the archive."""
+
+    def __init__(self) -> None:
+        self.rigs: list[list[str]] = []
+
+    def offer(self, record: CycleRecord, shots: list[WheelShot]) -> None:
+        self.rigs.append([shot.rig for shot in shots])
+
+
+class Position:
+    def __init__(self, shot: WheelShot | None) -> None:
+        self.last_shot = shot
+
+
+@pytest.mark.parametrize("committed_s", [None, 5.0])
+def test_only_the_images_that_a_stored_result_was_measured_in_are_archived(
+    store: ResultStore, committed_s: float | None
+) -> None:
+    """A rig may hold images of an earlier cycle, and a cycle without a record has none to go with."""
+    record = stored(store)
+    own = shot_of(record)
+    earlier = replace(shot_of(record), rig="front_right", time_utc=own.time_utc - timedelta(seconds=30))
+    archive, seen = Offered(), list[CycleReport]()
+    inner = Observer()
+    inner.cycle_done = seen.append  # type: ignore[method-assign]
+    positions = [Position(own), Position(earlier), Position(None)]
+    observer = ArchivingObserver(inner, positions, archive)  # type: ignore[arg-type]
+    trigger = Trigger(1, ("front_left",), 1, "V", 0.0)
+    report = CycleReport(trigger, record, None, committed_s, None)  # type: ignore[arg-type]
+    observer.cycle_done(report)
+    assert archive.rigs == ([] if committed_s is None else [["front_left"]])
+    assert seen == [report]
+
+
+@pytest.mark.parametrize("bad", [False, True])
+def test_images_of_a_wheel_that_was_not_good_are_evidence(
+    tmp_path: Path, url: str, store: ResultStore, bad: bool
+) -> None:
+    record = stored(store, bad=bad)
+    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
+        archive.offer(record, [shot_of(record)])
+    with ResultReader(url) as reader:
+        (found,) = vin_history(reader, "TRUEWHEEL00000001").shots
+    assert found.record.retention is (RetentionClass.EVIDENCE if bad else RetentionClass.ORDINARY)
