@@ -142,8 +142,8 @@ def _removed(connection: Connection) -> list[ArchivedShotRecord]:
 
 def _delete(folder: Path, record: ArchivedShotRecord) -> None:
     path = folder / record.path
-    # Only what lies in the archive: a record may come from another station.
-    if not path.resolve().is_relative_to(folder.resolve()) or not path.exists():
+    # Only what lies in the archive, and not all of it: a record may come from another station.
+    if folder.resolve() not in path.resolve().parents or not path.exists():
         return
     try:
         shutil.rmtree(path) if path.is_dir() else path.unlink()

@@ -69,3 +69,20 @@ def test_an_accepted_calibration_is_stored_with_its_figures_or_not_at_all(store:
 def test_figures_that_are_no_json_are_refused() -> None:
     with pytest.raises(InputError, match=r"CalibrationCheckRecord\.as_found"):
         check(as_found={"rms": float("nan")})
+
+
+def test_the_calibration_in_force_is_the_newest_whenever_it_was_stored(store: ResultStore) -> None:
+    """One that is stored late, such as out of an older file, does not take the place of a newer one."""
+    newest = CalibrationRecord("cal-newest", "front_left", NOON + 2 * DAY, {})
+    between = CalibrationRecord("cal-between", "front_left", NOON + DAY, {})
+    of_another_rig = CalibrationRecord("cal-other", "rear_left", NOON + 3 * DAY, {})
+    for record in (newest, between, of_another_rig):
+        store.record_calibration(record)
+    assert store.calibration_in_force("front_left", NOON + 5 * DAY) == newest
+    assert store.calibration_in_force("front_left", NOON + 1.5 * DAY) == between
+    assert store.calibration_in_force("front_left", NOON + 0.5 * DAY) == CALIBRATION
+    assert store.calibration_in_force("front_left", NOON - DAY) is None
+    # Of two from the same moment the one that was stored last.
+    again = CalibrationRecord("cal-again", "front_left", NOON + 2 * DAY, {})
+    store.record_calibration(again)
+    assert store.calibration_in_force("front_left", NOON + 5 * DAY) == again

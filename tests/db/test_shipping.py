@@ -223,6 +223,23 @@ def test_two_stations_of_the_same_name_do_not_both_ship(
         assert third.ship().pending == 0
 
 
+def test_two_programs_on_one_computer_cannot_ship_as_one_station(
+    tmp_path: Path, station_store: ResultStore, local_url: str, central_url: str
+) -> None:
+    """The name was the computer's: a second program beside the first took turns with it."""
+    other_url = f"sqlite:///{tmp_path / 'beside.db'}"
+    with (
+        ResultStore(other_url, create=True),
+        Shipper(local_url, central_url, "EOL-1", host="pc-1") as first,
+        Shipper(other_url, central_url, "EOL-1", host="pc-1") as second,
+    ):
+        first.ship()
+        with pytest.raises(StationTakenError, match="is running on pc-1 too"):
+            second.ship()
+        # The first one keeps it for as long as it shows life.
+        first.ship()
+
+
 def test_what_contradicts_the_central_record_stops_shipping_with_the_reason(
     station_store: ResultStore, shipper: Shipper, central_url: str
 ) -> None:

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from alignment.errors import StoreUnavailableError
-from db.quality_records import RetentionClass
+from db.quality_records import ArchivedShotRecord, RetentionClass
 from db.queries import ResultReader, vin_history
 from db.records import CycleRecord, Verdict
 from db.retention import Policy, enforce, kept
@@ -304,3 +306,63 @@ def test_images_of_a_wheel_that_was_not_good_are_evidence(
     with ResultReader(url) as reader:
         (found,) = vin_history(reader, "TRUEWHEEL00000001").shots
     assert found.record.retention is (RetentionClass.EVIDENCE if bad else RetentionClass.ORDINARY)
+
+
+def test_the_archive_makes_room_by_itself(tmp_path: Path, store: ResultStore) -> None:
+    """An archive that wrote and never looked at its size filled the disk."""
+    first = stored(store)
+    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
+        archive.offer(first, [shot_of(first)])
+    size = kept(store).bytes
+    policy = replace(WIDE, most_bytes=2 * size + size // 2)
+    records = [stored(store) for _ in range(4)]
+    for number, record in enumerate(records):
+        now = NOON + timedelta(seconds=number + 1)
+        with ImageArchive(
+            store, tmp_path / "images", policy, "all", pytest.fail, lambda now=now: now
+        ) as archive:
+            archive.offer(record, [shot_of(record)])
+        assert kept(store).bytes <= policy.most_bytes
+    assert left(tmp_path) == {str(record.uuid) for record in records[-2:]}
+
+
+@pytest.mark.parametrize("path", ["../precious", "../../precious", "{folder}/../precious", "out", ".", "./"])
+def test_nothing_outside_of_the_archive_is_deleted_and_never_all_of_it(
+    tmp_path: Path, store: ResultStore, path: str
+) -> None:
+    folder = tmp_path / "a" / "images"
+    for precious in (tmp_path / "precious", tmp_path / "a" / "precious", folder / "2026-11-22"):
+        precious.mkdir(parents=True)
+        (precious / "left.png").write_bytes(b"x")
+    (folder / "out").symlink_to(tmp_path / "precious", target_is_directory=True)
+    record = stored(store)
+    store.record_shot(
+        ArchivedShotRecord(
+            record.uuid, "front_left", path.format(folder=folder), 1, NOON, RetentionClass.ORDINARY
+        )
+    )
+    for _ in range(2):
+        enforce(store, folder, replace(WIDE, most_bytes=0), NOON)
+    assert kept(store).shots == 0
+    assert len(list(tmp_path.glob("**/left.png"))) == 3
+
+
+def test_images_of_another_cycle_are_not_archived_with_this_one(tmp_path: Path, store: ResultStore) -> None:
+    """A wheel that was refused before a shot still has the images of the vehicle before it."""
+    record = stored(store)
+    mine, before, other_wheel = shot_of(record), shot_of(record, "rear_left"), shot_of(record, "front_right")
+    before = replace(before, time_utc=before.time_utc - timedelta(seconds=30))
+    positions = [SimpleNamespace(last_shot=shot) for shot in (mine, before, None)]
+    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
+        observer = ArchivingObserver(Observer(), cast(Any, positions), archive)
+        # What is not committed has no record that its images could belong to.
+        positions.append(SimpleNamespace(last_shot=other_wheel))
+        observer.cycle_done(report(cycle(), None))
+        observer.cycle_done(report(record, 1.0))
+    assert {path.name for path in (tmp_path / "images").glob("*/*")} == {
+        f"{record.uuid}-front_left", f"{record.uuid}-front_right",
+    }  # fmt: skip
+
+
+def report(record: CycleRecord, committed_s: float | None) -> CycleReport:
+    return CycleReport(cast(Any, None), record, cast(Any, None), committed_s, None)
