@@ -14,6 +14,27 @@ _BOUNDS = text(
 )
 
 
+def detached_ranges(connection: Connection) -> tuple[tuple[int, int], ...]:
+    """Ranges of cycles, the end not included, whose partition an administrator has taken away."""
+    if connection.dialect.name != "postgresql":
+        return ()
+    bounds = [str(bound) for bound in connection.execute(_BOUNDS).scalars()]
+    ends = sorted(
+        (
+            0 if "MINVALUE" in bound else int(re.findall(r"FROM \('?(\d+)'?\)", bound)[0]),
+            int(re.findall(r"TO \('?(\d+)'?\)", bound)[0]),
+        )
+        for bound in bounds
+        if bound != "DEFAULT"
+    )
+    gaps, covered = [], 0
+    for start, end in ends:
+        if start > covered:
+            gaps.append((covered, start))
+        covered = max(covered, end)
+    return tuple(gaps)
+
+
 def ensure_partitions(connection: Connection) -> int:
     """Make the partitions that the next half million cycles need; return how many were made.
 

@@ -82,7 +82,8 @@ def check_text(name: str, text: str) -> None:
 
 def check_values(record: Any) -> None:
     """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
-    allowed = _allowed(type(record))
+    kind: type[object] = type(record)
+    allowed = _allowed(kind)
     for item in fields(record):
         value = getattr(record, item.name)
         name = f"{type(record).__name__}.{item.name}"

@@ -211,6 +211,29 @@ def test_the_end_that_somebody_wrote_down_proves_what_came_before(filled: str) -
     assert chains["EOL-2"]["hash"] == check_database(filled, None).heads["EOL-2"].hash
 
 
+def test_an_auditor_verifies_the_chain_with_the_lines_of_the_documentation(
+    sqlite_url: str, open_store: Callable[..., ResultStore], capsys: pytest.CaptureFixture[str]
+) -> None:
+    fill(open_store(sqlite_url))
+    page = (Path(__file__).parents[2] / "docs" / "database.md").read_text(encoding="utf-8")
+    section = page.split("## The chain of hashes")[1]
+    lines = section.split("```python\n")[1].split("```")[0].replace("results.db", sqlite_url[10:])
+    exec(compile(lines, "docs/database.md", "exec"), {})
+    end = check_database(sqlite_url, None).heads["EOL-1"]
+    assert capsys.readouterr().out.splitlines() == [f"link 10 of station EOL-1: {end.hash}"]
+    query = section.split("```sql\n")[1].split("```")[0]
+    ask_breaks = sqlite3.connect(sqlite_url[10:])
+    assert ask_breaks.execute(query).fetchall() == []
+    ask_breaks.close()
+    tamper(sqlite_url, "UPDATE events SET text = 'nothing'")
+    with pytest.raises(AssertionError, match="event"):
+        exec(compile(lines, "docs/database.md", "exec"), {})
+    tamper(sqlite_url, "DELETE FROM chain_links WHERE chain = 'EOL-1' AND number = 4")
+    ask_breaks = sqlite3.connect(sqlite_url[10:])
+    assert ask_breaks.execute(query).fetchall() == [("EOL-1", 5)]
+    ask_breaks.close()
+
+
 def test_the_same_records_have_the_same_hashes_on_both_databases(
     postgres_url: str, tmp_path: Path, open_store: Callable[..., ResultStore]
 ) -> None:
@@ -323,6 +346,26 @@ def test_a_database_that_comes_back_with_less_is_not_written_on(
         other.write_cycle(cycle())
     with pytest.raises(StoreError, match="has lost what was stored"):
         store.write_cycle(cycle())
+
+
+def test_a_partition_that_was_taken_away_leaves_its_hashes(
+    postgres_url: str, open_store: Callable[..., ResultStore]
+) -> None:
+    fill(open_store(postgres_url))
+    with psycopg.connect(postgres_url, autocommit=True) as server:
+        server.execute("ALTER TABLE wheel_results DETACH PARTITION wheel_results_0")
+    seen = "wheel_results: the partition of the cycles 0 to 499999 is not attached, 16 rows of it are known"
+    (one,) = [finding for finding in findings(postgres_url) if "refer" not in finding]
+    assert one.startswith(seen)
+    # What is left of these cycles is compared as before.
+    tamper(postgres_url, "UPDATE axle_results SET total_toe_u = 1e-4 WHERE cycle_id = 1 AND axle = 'front'")
+    assert any(f.startswith("axle_results: front of cycle") for f in findings(postgres_url))
+    with psycopg.connect(postgres_url, autocommit=True) as server:
+        server.execute(
+            "ALTER TABLE wheel_results ATTACH PARTITION wheel_results_0"
+            " FOR VALUES FROM (MINVALUE) TO (500000)"
+        )
+    assert not any("not attached" in finding for finding in findings(postgres_url))
 
 
 def test_digests_tell_parts_apart() -> None:
