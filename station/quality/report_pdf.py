@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from db.exports.pdf import Document
@@ -10,6 +11,7 @@ from station.quality.report import Report, Section
 
 LONGEST_TABLE = 500
 _COLUMNS = 9
+_NARROWEST, _WIDEST = 13, 24  # characters of a column
 
 
 def write_pdf(path: Path, report: Report) -> None:
@@ -43,10 +45,9 @@ def _section(document: Document, section: Section) -> None:
     # A page is as wide as it is: a wide table continues below, its first column repeated.
     for first in range(1, max(len(names), 2), _COLUMNS - 1):
         shown = [names[0], *names[first : first + _COLUMNS - 1]]
-        document.rows(
-            [name.replace("_", " ") for name in shown],
-            [[_shown(row[name]) for name in shown] for row in rows],
-        )
+        cells = [[_shown(row[name]) for name in shown] for row in rows]
+        heads = [name.replace("_", " ") for name in shown]
+        document.rows(heads, cells, widths=_widths(heads, cells))
     left_out = []
     if len(section.rows) > LONGEST_TABLE:
         left_out.append(f"{len(section.rows) - LONGEST_TABLE} more rows")
@@ -54,6 +55,12 @@ def _section(document: Document, section: Section) -> None:
         left_out.append(f"{len(rows[0]) - len(names)} more columns")
     if left_out:
         document.paragraph(f"{' and '.join(left_out)}: in HTML and JSON.")
+
+
+def _widths(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
+    """Shares of the page: what the longest text of a column asks for, within reason."""
+    columns = zip(heads, *cells, strict=True)
+    return [min(max(_NARROWEST, *map(len, column)), _WIDEST) for column in columns]
 
 
 def _shown(value: object) -> str:

@@ -41,8 +41,8 @@ _SPLITS: dict[SplitBy, tuple[GroupBy, ...]] = {
     SplitBy.NOTHING: (), SplitBy.STATION: (GroupBy.STATION,), SplitBy.DAY: (GroupBy.DAY,),
 }  # fmt: skip
 _BRIEF = (
-    "n", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "ppk", "ppk_low", "missed_low", "missed_high",
-    "verdict",
+    "n", "verdict", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "ppk", "ppk_low", "missed_low",
+    "missed_high",
 )  # fmt: skip
 
 
