@@ -14,7 +14,7 @@ import pytest
 
 from db.exports.aqdef import write_aqdef
 from db.exports.rows import AngleRow, angle_rows
-from db.records import CycleOutcome, StoredCycle
+from db.records import CycleOutcome, EventRecord, Severity, StoredCycle
 from tests.db.example_records import cycle, wheel
 
 BERLIN = timezone(timedelta(hours=1))
@@ -134,3 +134,16 @@ def test_value_that_nobody_judged_is_shown_and_not_counted(
 ) -> None:
     write_aqdef(tmp_path / "r.dfq", [replace(rows[0], **changes)])  # type: ignore[arg-type]
     assert keys_of(tmp_path / "r.dfq").get("K0002/1") == ("129" if invalid else None)
+
+
+@pytest.mark.parametrize(("seconds", "seen"), [(-1, True), (0, True), (1, False)])
+def test_event_belongs_to_the_value_that_follows_it(
+    tmp_path: Path, rows: list[AngleRow], seconds: int, seen: bool
+) -> None:
+    event = EventRecord(
+        RECEIVED + timedelta(seconds=seconds), "EOL-1", Severity.WARNING, "climate", "warm", "38 °C"
+    )
+    write_aqdef(tmp_path / "r.dfq", rows, [event])
+    found = keys_of(tmp_path / "r.dfq")
+    assert found.get("K0005/1") == ("2" if seen else None)
+    assert ("warm: 38 °C" in found["K0009/1"]) is seen

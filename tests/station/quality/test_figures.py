@@ -18,10 +18,12 @@ from scipy import stats
 from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.queries import Characteristic, Filter, ResultReader, value_series
 from db.statistics.choices import GrrMethod, Judgement
-from station.quality.gauge_analysis import analyse_grr, analyse_type1
+from station.quality.csv_table import read_table
+from station.quality.gauge_analysis import analyse_grr, analyse_stability, analyse_type1
 from station.quality.gauge_file import GaugeRow
+from station.quality.periods import read_time
 from station.quality.study_certificate import write_study_certificate
-from tests.station.quality.conftest import HIGH_DEG, STATIONS
+from tests.station.quality.conftest import HIGH_DEG, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]
 TOE = "front_left.toe"
@@ -217,3 +219,97 @@ def test_certificate_of_a_dead_gauge_has_no_verdict(tmp_path: Path) -> None:
     assert report.judgement is Judgement.NONE
     assert "signals location – ≤ 0 no verdict" in said
     assert "All values are equal" in said
+
+
+@pytest.mark.parametrize(("away", "said"), [(0.15, False), (0.28, False), (0.29, True)])
+def test_bias_is_called_significant_at_five_percent(away: float, said: bool) -> None:
+    """Fifty repetitions: five percent lie at a bias of 0.284 deviations."""
+    values = np.tile([-1.0, 1.0], 25)
+    values = 0.01 * values / values.std(ddof=1)
+    report = analyse_type1(rows_of((values + 0.01 * away).tolist()), 0.0, 1.0)
+    assert (report.result.figures["bias_p"] < 0.05) is said
+    assert ("is significant" in report.assessment) is said
+
+
+@pytest.mark.parametrize(("slope", "said"), [(0.0, False), (0.0006, False), (0.002, True)])
+def test_drift_is_said_at_one_percent(slope: float, said: bool) -> None:
+    rng = np.random.default_rng(43)
+    start = datetime(2026, 11, 1, tzinfo=UTC)
+    rows = [
+        GaugeRow(
+            "m",
+            "",
+            day + 1,
+            Decimal(f"{rng.normal(0, 0.01) + slope * day:.6f}"),
+            None,
+            start + timedelta(day),
+        )
+        for day in range(25)
+    ]
+    report = analyse_stability(rows)
+    p = report.result.figures["drift_p"]
+    assert (p < 0.01) is said
+    # The middle one is not certain, and not nothing either.
+    assert slope != 0.0006 or 0.01 < p < 0.5
+    assert ("drift of" in report.assessment) is said
+
+
+@pytest.mark.parametrize("kind", ["individuals", "xbar-r"])
+def test_signal_names_the_vehicle_that_completed_it(month: str, run: Run, kind: str) -> None:
+    sections = answer(
+        run, "chart", "--database", month, "--characteristic", TOE, "--chart", kind, "--size", "4", "--rules",
+        "nelson",
+    )["sections"]  # fmt: skip
+    with ResultReader(month) as reader:
+        series = value_series(reader, Characteristic.parse(TOE), Filter())
+    values, vins = np.degrees(series.value), series.vin.tolist()
+    seen = set()
+    for signal in sections[1]["rows"]:
+        last = vins.index(signal["vin"])
+        if kind == "xbar-r":
+            group = values[last - 3 : last + 1]
+            assert last % 4 == 3
+            expected = group.mean() if signal["track"] == "mean" else np.ptp(group)
+        elif signal["track"] == "value":
+            expected = values[last]
+        else:
+            expected = abs(values[last] - values[last - 1])
+        assert signal["point_deg"] == pytest.approx(expected)
+        assert signal["time"] == f"{str(series.time[last])[:19].replace('T', ' ')} UTC"
+        seen.add(signal["track"])
+    assert seen
+
+
+def test_influences_count_the_values_that_speak_for_them(month: str, run: Run) -> None:
+    """Up to fifty on each side of a new calibration; temperature only between its first and last reading."""
+    rows = answer(run, "drift", "--database", month, "--characteristic", TOE, "--station", STATIONS[0])
+    mine = {row["influence"]: row for row in rows["sections"][0]["rows"]}
+    values, days = toes(month, STATIONS[0])
+    first = START.timestamp() / 86_400
+    changed = days >= first + 15
+    assert mine["calibration"]["n"] == len(values) == 60
+    assert mine["calibration"]["change"] == pytest.approx(values[changed].mean() - values[~changed].mean())
+    read = (days >= first + 1 / 24) & (days <= first + 27 + 1 / 24)
+    assert mine["temperature"]["n"] == int(read.sum()) < len(values)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("8h", timedelta(hours=8)), ("7d", timedelta(days=7)), ("4w", timedelta(weeks=4)),
+        ("0d", timedelta(0)),
+    ],
+)  # fmt: skip
+def test_span_reaches_back_from_now(text: str, expected: timedelta) -> None:
+    now = datetime(2026, 11, 30, 12, tzinfo=UTC)
+    assert read_time("--from", text, now) == now - expected
+
+
+@pytest.mark.parametrize("text", ["2026-11-22T06:00+01:00", "2026-11-22T05:00", "2026-11-22 05:00Z"])
+def test_time_with_and_without_zone_is_the_same_moment(tmp_path: Path, text: str) -> None:
+    expected = datetime(2026, 11, 22, 5, tzinfo=UTC)
+    found = read_time("--from", text)
+    assert (found, found.utcoffset() if found else None) == (expected, timedelta(0))
+    (tmp_path / "s.csv").write_text(f"time,value\n{text},1\n")
+    (line,) = read_table(tmp_path / "s.csv", ("time", "value"))
+    assert line.time("time") == expected

@@ -105,6 +105,17 @@ def test_live_cycles_fill_a_plan_and_a_refusal_is_driven_again(database: str) ->
     assert all(value.cycle is not None and value.utc is not None for value in with_cycles)
 
 
+def test_cycles_before_the_plan_are_not_its_and_runs_follow_the_clock(database: str) -> None:
+    """A vehicle that was there yesterday, and cycles that reached the database in another order."""
+    drive(database, VINS[0], 0.19, -24 * 60)
+    plan_study(database, StudyKind.GRR, "clock", TOE, VINS[:1], trials=3, seed=1)
+    for toe_deg, number in ((0.12, 20), (0.10, 0), (0.11, 10)):
+        drive(database, VINS[0], toe_deg, number)
+    assert fill_study(database, "clock").added == 3
+    rows = source_of(load_study(database, StudyKind.GRR, "clock")).rows
+    assert [(row.trial, round(float(row.value), 6)) for row in rows] == [(1, 0.1), (2, 0.11), (3, 0.12)]
+
+
 def test_same_figures_from_the_stored_values_as_from_the_file(
     database: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
