@@ -16,6 +16,7 @@ from alignment.errors import (
     TruewheelError,
 )
 from sensors.camera import Camera, CameraSettings, Frame
+from sensors.frames import FrameComparison, FrameTolerance
 from sensors.shot import HeadFrames, WheelShot
 
 
@@ -49,6 +50,8 @@ class Rig:
         Monotonic clock, seconds, on which the timeout of `shoot` runs.
     now
         Aware UTC time for the record.
+    tolerance
+        What the frames of one shot may differ by.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class Rig:
         settings: CameraSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], datetime] = _utc_now,
+        tolerance: FrameTolerance | None = None,
     ) -> None:
         self.name = name
         self.heads = tuple(heads)
@@ -70,6 +74,7 @@ class Rig:
         self._clock = clock
         self._now = now
         self._triggers = 0
+        self._comparison = FrameComparison(tolerance)
         for field, names in (
             ("heads", [head.name for head in self.heads]),
             ("cameras", [camera.name for camera in self.cameras]),
@@ -93,6 +98,7 @@ class Rig:
             Names every camera that failed; those that did connect are closed again.
         """
         try:
+            self._comparison.forget()
             self._each("connect", lambda camera: camera.connect())
         except SeveralErrors:
             # The failure to connect is the news; a failure to close after it adds nothing.
@@ -124,7 +130,9 @@ class Rig:
         Raises
         ------
         SeveralErrors
-            Names every camera that failed, did not answer in time, or counted otherwise than the rig.
+            Names every camera that failed, did not answer in time, counted otherwise than the rig, or sent a
+            frame of another moment: its clock went otherwise than the others' since the shot before, or its
+            image is that of the shot before, byte by byte.
         """
         time_utc = self._now()
         deadline = self._clock() + timeout_s
@@ -144,6 +152,8 @@ class Rig:
             except TruewheelError as error:
                 failures.append(error)
         self._report(failures, "deliver their frame")
+        taken = [frames[camera.name] for camera in self.cameras]
+        self._report(self._comparison.problems(taken), "deliver a frame of this shot")
         return WheelShot(
             self.name,
             time_utc,

@@ -55,6 +55,13 @@ class WheelShot:
             raise DegenerateInputError(
                 field="heads", expected="one or more heads with different names", seen=str(names)
             )
+        counters = [head.left.trigger_counter for head in self.heads]
+        if len(set(counters)) > 1:
+            raise DegenerateInputError(
+                field="trigger_counter",
+                expected="heads of the same trigger",
+                seen=", ".join(f"{n} of {head.name}" for n, head in zip(counters, self.heads, strict=True)),
+            )
 
     @property
     def images(self) -> tuple[StereoImages, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,40 @@ FOCAL_SIGMA = 0.01
 _COVERAGE_FACTOR = 2.0
 
 
+LARGEST_U95_ARCMIN = 0.2
+"""What angles may be uncertain by after a refresh, unless told otherwise."""
+
+
+@dataclass(frozen=True, eq=False)
+class RefreshedFile:
+    """What came of a refresh.
+
+    Attributes
+    ----------
+    found
+        What the shots tell.
+    old_u95, new_u95
+        Expanded uncertainties (camber, toe), radians, that the calibration in force states, and the new one.
+    refused
+        Why nothing was written though a camera changed, and what to do; None otherwise.
+    calibration
+        As written; None when nothing was.
+    """
+
+    found: Refreshed
+    old_u95: tuple[float, float]
+    new_u95: tuple[float, float]
+    refused: str | None
+    calibration: RigCalibration | None
+
+    @property
+    def outcome(self) -> str:
+        """``unchanged``, ``refused`` or ``refreshed``."""
+        if self.calibration is not None:
+            return "refreshed"
+        return "unchanged" if self.refused is None else "refused"
+
+
 def refresh_file(
     shots: Sequence[Path],
     calibration: Path,
@@ -31,8 +65,9 @@ def refresh_file(
     settings: MeasureSettings,
     *,
     focal: bool,
-) -> tuple[Refreshed, RigCalibration | None]:
-    """Find the camera that changed; write the calibration with its new pose.
+    largest_u95: float = LARGEST_U95_ARCMIN * ARCMIN,
+) -> RefreshedFile:
+    """Find the camera that changed; write the calibration with its new pose, where that is the better one.
 
     Parameters
     ----------
@@ -41,18 +76,15 @@ def refresh_file(
     calibration
         File in force, with its covariance.
     out
-        New file; nothing is written when no camera changed.
+        New file; nothing is written when no camera changed, nor what would be worse than the one in force.
     now_utc
         Time of the refresh, aware; part of the new calibration's id.
     settings
         Of the measurement.
     focal
         Whether the focal length may have changed too.
-
-    Returns
-    -------
-    refreshed, calibration
-        What was found, and the new calibration as written; None when no camera changed.
+    largest_u95
+        Largest expanded uncertainty of an angle that a refreshed calibration may state, radians.
 
     Raises
     ------
@@ -75,22 +107,58 @@ def refresh_file(
     known = file.calibration()
     images = [read_shot(shot, known).images for shot in shots]
     found = refresh(images, known, settings, Movement(focal=FOCAL_SIGMA if focal else 0.0))
+    old_u95, new_u95 = expanded(known), expanded(found.calibration)
     if found.moved is None:
-        return found, None
+        return RefreshedFile(found, old_u95, new_u95, None, None)
+    refused = judge_refreshed(found, old_u95, new_u95, largest_u95)
+    if refused is not None:
+        return RefreshedFile(found, old_u95, new_u95, refused, None)
     new = replace(found.calibration, id=calibration_id(found.calibration, now_utc))
     name = " ".join(found.moved.camera)
     write_calibration(
         out, new, method=f"{known.id}, {name} anew from {len(shots)} wheels"[:200], created_utc=now_utc
     )
-    return found, new
+    return RefreshedFile(found, old_u95, new_u95, None, new)
 
 
-def refreshed_as_json(found: Refreshed, new: RigCalibration | None) -> dict[str, Any]:
+def expanded(calibration: RigCalibration) -> tuple[float, float]:
+    """Return the expanded uncertainties (camber, toe), radians, that a calibration alone states."""
+    camber, toe = predict_angle_uncertainty(calibration)
+    return _COVERAGE_FACTOR * camber, _COVERAGE_FACTOR * toe
+
+
+def judge_refreshed(
+    found: Refreshed, old_u95: tuple[float, float], new_u95: tuple[float, float], largest_u95: float
+) -> str | None:
+    """None when a refreshed calibration is worth more than the one in force, else why it is not.
+
+    What the one in force may be wrong by is what the refresh would change, and what it states.
+    """
+    assert found.moved is not None
+    camera, new = " ".join(found.moved.camera), max(new_u95)
+    change = float(np.abs(found.angle_change).max() + np.abs(found.angle_difference).max())
+    cure = (
+        "Calibrate the rig with the plate, or take more shots of different wheels; until then its angles may "
+        "be off"
+    )
+    if new > largest_u95:
+        return (
+            f"{camera} changed, but angles would be uncertain by ±{new / ARCMIN:.2f}′ (95 %), allowed is "
+            f"±{largest_u95 / ARCMIN:.2f}′. {cure}"
+        )
+    if new > change + max(old_u95):
+        return (
+            f"{camera} changed, but angles would be uncertain by ±{new / ARCMIN:.2f}′ (95 %), more than the "
+            f"{change / ARCMIN:.2f}′ by which they would change: the calibration in force is the better one. "
+            f"{cure}"
+        )
+    return None
+
+
+def refreshed_as_json(done: RefreshedFile) -> dict[str, Any]:
     """Return what ``truewheel calibration refresh --json`` prints."""
-    camber, toe = (None, None)
-    if found.calibration.covariance is not None:
-        u = predict_angle_uncertainty(found.calibration)
-        camber, toe = (float(np.degrees(_COVERAGE_FACTOR * each)) for each in u)
+    found, new = done.found, done.calibration
+    old_camber, old_toe, camber, toe = (float(value) for value in np.degrees([*done.old_u95, *done.new_u95]))
     moved = _moved_as_json(found.moved)
     other = None
     if found.other is not None:
@@ -100,13 +168,19 @@ def refreshed_as_json(found: Refreshed, new: RigCalibration | None) -> dict[str,
             "toe_difference_arcmin": toe_off,
         }
     return {
-        "outcome": "unchanged" if new is None else "refreshed",
+        "outcome": done.outcome,
+        "reason": done.refused,
         "calibration_id": None if new is None else new.id,
         **moved,
         "certain": found.certain,
         "other": other,
         "wheels": found.wheels,
         "row_rms_px": found.row_rms_px,
+        "contradiction": found.contradiction,
+        "camber_change_arcmin": float(found.angle_change[0]) / ARCMIN,
+        "toe_change_arcmin": float(found.angle_change[1]) / ARCMIN,
+        "old_camber_u95_deg": old_camber,
+        "old_toe_u95_deg": old_toe,
         "predicted_camber_u95_deg": camber,
         "predicted_toe_u95_deg": toe,
         "heads": [

@@ -221,12 +221,14 @@ def _simulated(
         options.seed,
         angles_about(options.camber_deg, options.toe_deg, options.spread_deg),
         configuration.settings.cameras.settings(),
+        configuration.settings.cameras.tolerance(),
     )
     return cameras, CalibrationInForce(true, TRUE_CALIBRATION_UTC, _UNLIMITED_DAYS, document)
 
 
 def _recorded(configuration: Configuration, rig: RigSettings, options: RecordedOptions, index: int) -> Rig:
-    return recorded_rig(recorded_folders(configuration, options, index), options.at_end, rig.name)
+    folders = recorded_folders(configuration, options, index)
+    return recorded_rig(folders, options.at_end, rig.name, configuration.settings.cameras.tolerance())
 
 
 def recorded_folders(configuration: Configuration, options: RecordedOptions, index: int) -> list[Path]:

@@ -18,6 +18,7 @@ from alignment.values import MeasureSettings, Side
 from sensors.camera import CameraSettings
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import Name, StrictModel
+from sensors.frames import FrameTolerance
 from station.toml import read_toml
 from station.vehicle_types import Label, VehicleType, read_vehicle_types
 
@@ -144,6 +145,23 @@ class CameraOptions(StrictModel):
 
     exposure_ms: float = Field(default=5.0, gt=0, le=1000, description="Exposure time, milliseconds")
     gain_db: float = Field(default=0.0, ge=0, le=60, description="Analogue gain, decibels")
+
+    clock_tolerance_ms: float = Field(
+        default=20.0,
+        ge=0,
+        le=60_000,
+        description="Frames of one shot whose cameras' clocks differ by more make the shot fail, milliseconds; "
+        "0 leaves the clocks uncompared",
+    )
+    clocks_synchronised: bool = Field(
+        default=False,
+        description="The cameras' clocks show the same time, as with PTP; otherwise what passed since the "
+        "shot before is compared",
+    )
+
+    def tolerance(self) -> FrameTolerance:
+        """Return what the frames of one shot may differ by."""
+        return FrameTolerance(self.clock_tolerance_ms / 1e3, self.clocks_synchronised)
 
     def settings(self) -> CameraSettings:
         """Return the value that the drivers take."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -15,7 +16,9 @@ from alignment.values import Image, RigCalibration, Side
 from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera
 from sensors.formats.truth import WheelTruth
+from sensors.frames import FrameTolerance
 from sensors.heads import Rig, StereoHead
+from sensors.shot import WheelShot
 from sensors.simulation.render import camera_image
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelPose, WheelScene, draw_pose, draw_scene, truth_of
@@ -51,6 +54,8 @@ class SimulatedRig(Rig):
         Draws the pose of the next wheel; exchange it to say what comes.
     settings
         Of all cameras.
+    tolerance
+        What the frames of one shot may differ by.
 
     Attributes
     ----------
@@ -65,12 +70,15 @@ class SimulatedRig(Rig):
         seed: int,
         pose: PoseDrawer,
         settings: CameraSettings,
+        tolerance: FrameTolerance | None = None,
     ) -> None:
+        # Rendering takes its time, but all cameras expose at one moment.
+        self._exposed_s = 0.0
         heads = [
             StereoHead(head.name, *(self._camera(calibration, index, side) for side in ("left", "right")))
             for index, head in enumerate(calibration.heads)
         ]
-        super().__init__(calibration.rig, heads, settings)
+        super().__init__(calibration.rig, heads, settings, tolerance=tolerance)
         self.pose = pose
         self._calibration = calibration
         self._preset = preset
@@ -90,6 +98,11 @@ class SimulatedRig(Rig):
         self._scene = None
         super().arm()
 
+    def shoot(self, timeout_s: float) -> WheelShot:
+        """As `Rig.shoot`."""
+        self._exposed_s = time.monotonic()
+        return super().shoot(timeout_s)
+
     def _wheel(self) -> WheelScene:
         if self._scene is None:
             rng = np.random.default_rng([self._seed, 1, self._wheels])
@@ -105,7 +118,9 @@ class SimulatedRig(Rig):
         self, calibration: RigCalibration, head: int, side: Literal["left", "right"]
     ) -> SimulatedCamera:
         return SimulatedCamera(
-            f"{calibration.rig}/{calibration.heads[head].name}/{side}", _View(self, head, side)
+            f"{calibration.rig}/{calibration.heads[head].name}/{side}",
+            _View(self, head, side),
+            device_clock=lambda: self._exposed_s,
         )
 
     def image(self, head: int, side: Literal["left", "right"]) -> Image:

@@ -34,6 +34,12 @@ from alignment.calibration.row_equations import (
     stepped,
     with_camera,
 )
+from alignment.calibration.suspicion import (
+    FEWEST_WHEELS,
+    contradiction_limit,
+    explanations,
+    is_whole_head,
+)
 from alignment.calibration.wheel_equations import WheelBase, wheel_base, wheel_equations
 from alignment.errors import DegenerateInputError
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
@@ -42,10 +48,10 @@ Array = NDArray[np.float64]
 
 _ROW_ROUNDS, _MOST_ROUNDS = 2, 6
 _CLEAR_EVIDENCE = 20.0  # difference of −2 log evidence that decides
-_FALSE_ALARM = 1e-4  # of heads and rigs that have not changed
+_CLEAR_CAMERA = 10.0  # the same, by which one camera explains more than its whole head
+_FALSE_ALARM = 1e-4  # of heads that have not changed
+_WORTH_A_LOOK = 0.25  # of the best explanation's gain; heads whose own explain less did not move
 _ANGLE_SIGMA = 6e-7  # radians, 0.002′; how much more the angles count than single equations
-# Wheels are not quite bodies of revolution: what they show may be that much larger than noise.
-_WHEEL_EXCESS = 3.0
 
 
 @dataclass(frozen=True)
@@ -165,6 +171,12 @@ class Refreshed:
     calibration
         With the new pose and the joint covariance, which knows of the other possibility; the given one when
         nothing changed.
+    contradiction
+        How much the best movement explains of what surfaces and rows show, in units of what a rig that has
+        not changed stays below; above 1 something moved. None where rows told already, or where fewer than
+        three wheels leave nothing to judge by.
+    angle_change
+        (2,) by how much camber and toe of a wheel become other ones, radians, to first order.
     """
 
     heads: tuple[HeadState, ...]
@@ -174,6 +186,8 @@ class Refreshed:
     row_rms_px: float
     wheels: int
     calibration: RigCalibration
+    contradiction: float | None = None
+    angle_change: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def certain(self) -> bool:
@@ -231,8 +245,8 @@ def refresh(
     Raises
     ------
     DegenerateInputError
-        When the calibration has no covariance, or a head shows too few crosses, or cameras of two heads
-        changed: then a plate is needed.
+        When the calibration has no covariance, or a head shows too few crosses; when cameras of two heads
+        changed, or a whole head may have: then a plate is needed.
     """
     return refresh_from(gather(shots, calibration, settings), calibration, movement)
 
@@ -264,12 +278,13 @@ def refresh_from(
         k: _surfaces(sightings, calibration, k)
         for k in suspects or range(len(heads) if sightings.wheels else 0)
     }
-    if not suspects and any(_disagree(each, calibration) for each in surfaces.values()):
+    contradiction = None
+    if not suspects and min(map(len, surfaces.values()), default=0) >= FEWEST_WHEELS:
         # A turn that shifts the image along the rows alone: any head may be the one.
-        suspects = list(surfaces)
+        contradiction, suspects = _suspects(sightings, calibration, surfaces, movement or Movement())
     if not suspects:
         worst = max(state.row_rms_px for state in heads)
-        return Refreshed(heads, None, None, np.zeros(2), worst, 0, calibration)
+        return Refreshed(heads, None, None, np.zeros(2), worst, 0, calibration, contradiction)
     found = [
         estimate(sightings, calibration, (heads[k].name, side), movement, surfaces[k])
         for k in suspects
@@ -279,10 +294,21 @@ def refresh_from(
     best, second = found[0], found[1]
     behind = second.evidence - best.evidence
     share = 1.0 / (1.0 + math.exp(-0.5 * min(behind, 200.0)))
+    nominal = angle_sensitivity(calibration)
+    change = nominal @ _parameters(calibration, best)
     if behind > _CLEAR_EVIDENCE:
-        moved = _as_moved(best, 1.0)
-        return Refreshed(heads, moved, None, np.zeros(2), best.row_rms_px, best.wheels, best.calibration)
-    difference = _parameters_apart(calibration, best, second)
+        return Refreshed(
+            heads,
+            _as_moved(best, 1.0),
+            None,
+            np.zeros(2),
+            best.row_rms_px,
+            best.wheels,
+            best.calibration,
+            contradiction,
+            change,
+        )
+    difference = _parameters(calibration, second) - _parameters(calibration, best)
     covariances = [each.calibration.covariance for each in (best, second)]
     assert covariances[0] is not None
     assert covariances[1] is not None
@@ -292,11 +318,49 @@ def refresh_from(
         heads=heads,
         moved=_as_moved(best, share),
         other=_as_moved(second, 1.0 - share),
-        angle_difference=angle_sensitivity(calibration) @ difference,
+        angle_difference=nominal @ difference,
         row_rms_px=best.row_rms_px,
         wheels=best.wheels,
         calibration=replace(best.calibration, covariance=mixed),
+        contradiction=contradiction,
+        angle_change=change,
     )
+
+
+def _suspects(
+    sightings: Sightings,
+    calibration: RigCalibration,
+    surfaces: dict[int, list[WheelBase]],
+    movement: Movement,
+) -> tuple[float, list[int]]:
+    """How clearly rows and surfaces contradict the calibration, and the heads that may have moved.
+
+    Raises
+    ------
+    DegenerateInputError
+        When a head may have moved as a whole.
+    """
+    _covariance(calibration)
+    found, size = [], 1
+    for k, bases in surfaces.items():
+        equations = joined_equations(
+            [row_equations(calibration, k, sightings.pairs[k]), wheel_equations(bases, calibration)]
+        )
+        size = len(equations.values)
+        found += explanations(calibration, k, equations, movement.covariance[:6, :6])
+    best = max(found, key=lambda each: each.gain)
+    contradiction = best.gain / contradiction_limit(min(map(len, surfaces.values())))
+    if contradiction <= 1.0:
+        return contradiction, []
+    if is_whole_head(found, size, _CLEAR_CAMERA):
+        name = calibration.heads[best.head].name
+        raise DegenerateInputError(
+            field="shots",
+            expected="one camera that changed",
+            seen=f"surfaces that contradict the calibration, as if both cameras of {name} moved together",
+            cure="Calibrate the rig with the plate; until then its angles may be off.",
+        )
+    return contradiction, sorted({each.head for each in found if each.gain >= _WORTH_A_LOOK * best.gain})
 
 
 def estimate(
@@ -391,17 +455,16 @@ def _as_moved(found: Estimate, share: float) -> Moved:
     return Moved(found.camera, found.step[:6], focal, share)
 
 
-def _parameters_apart(calibration: RigCalibration, one: Estimate, other: Estimate) -> Array:
-    """(P,) parameters of the rig had the other camera moved, less those had the one."""
+def _parameters(calibration: RigCalibration, found: Estimate) -> Array:
+    """(P,) change of all parameters of the rig by a camera's movement."""
     out = np.zeros(len(calibration.parameter_names))
     names = [head.name for head in calibration.heads]
-    for found, sign in ((one, -1.0), (other, 1.0)):
-        number = 2 * names.index(found.camera[0]) + int(found.camera[1] == "right")
-        first = camera_rows(calibration)[number].start
-        out[first : first + 6] += sign * found.step[:6]
-        if len(found.step) > 6:
-            model = calibration.heads[number // 2].cameras[number % 2].model
-            out[first + 6 : first + 8] += sign * found.step[6] * np.array([model.fx, model.fy])
+    number = 2 * names.index(found.camera[0]) + int(found.camera[1] == "right")
+    first = camera_rows(calibration)[number].start
+    out[first : first + 6] = found.step[:6]
+    if len(found.step) > 6:
+        model = calibration.heads[number // 2].cameras[number % 2].model
+        out[first + 6 : first + 8] = found.step[6] * np.array([model.fx, model.fy])
     return out
 
 
@@ -434,11 +497,3 @@ def _surfaces(sightings: Sightings, calibration: RigCalibration, head: int) -> l
     """The wheels as all heads but one see them."""
     bases = [wheel_base(wheel, calibration, head, sightings.settings) for wheel in sightings.wheels]
     return [base for base in bases if base is not None]
-
-
-def _disagree(surfaces: Sequence[WheelBase], calibration: RigCalibration) -> bool:
-    """Whether a head sees other surfaces than the calibration and its uncertainty allow."""
-    if not surfaces:
-        return False
-    excess, limit = _excess(calibration, wheel_equations(surfaces, calibration))
-    return excess > _WHEEL_EXCESS * limit

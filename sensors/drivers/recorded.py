@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -13,6 +14,7 @@ from alignment.values import Side
 from sensors.camera import CameraSettings
 from sensors.drivers.queued import Exposure, QueuedCamera
 from sensors.formats.shot import SHOT_FILE, FrameEntry, read_frame, read_shot_file
+from sensors.frames import FrameTolerance
 from sensors.heads import Rig, StereoHead
 
 
@@ -116,6 +118,7 @@ def recorded_rig(
     folders: Sequence[str | PathLike[str]],
     at_end: Literal["stop", "repeat"] = "stop",
     name: str | None = None,
+    tolerance: FrameTolerance | None = None,
 ) -> Rig:
     """Return a rig that plays recorded shots; each `Rig.shoot` gives the next folder's images.
 
@@ -127,6 +130,9 @@ def recorded_rig(
         As for `RecordedCamera`.
     name
         Name of the rig; by default what the first shot says.
+    tolerance
+        What the frames of one shot may differ by. The same folder twice running repeats its
+        images on purpose.
 
     Raises
     ------
@@ -146,4 +152,12 @@ def recorded_rig(
     return Rig(
         rig,
         [StereoHead(h.name, camera(h.name, "left"), camera(h.name, "right")) for h in shot.heads],
+        tolerance=replace(tolerance or FrameTolerance(), repeats=_twice_running(folders, at_end)),
     )
+
+
+def _twice_running(folders: Sequence[str | PathLike[str]], at_end: Literal["stop", "repeat"]) -> bool:
+    """Whether a shot follows itself."""
+    played = [Path(folder).resolve() for folder in folders]
+    followers = played[1:] + (played[:1] if at_end == "repeat" else [])
+    return any(one == other for one, other in zip(played, followers, strict=False))

@@ -62,6 +62,8 @@ class SimulatedCamera(QueuedCamera):
         What goes wrong; may be exchanged at any time.
     clock, sleep
         As for `QueuedCamera`.
+    device_clock
+        The camera's own clock, seconds; by default `clock` too.
     """
 
     def __init__(
@@ -71,10 +73,12 @@ class SimulatedCamera(QueuedCamera):
         faults: Faults | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        device_clock: Callable[[], float] | None = None,
     ) -> None:
         super().__init__(name, clock, sleep)
         self.faults = faults or Faults()
         self._source = source
+        self._device_clock = device_clock or clock
         self._previous: Exposure | None = None
 
     def _open(self) -> None:
@@ -97,7 +101,7 @@ class SimulatedCamera(QueuedCamera):
                 f"the connection broke at trigger {counter}",
                 "Check its power and its cable, then connect it again",
             )
-        now = self._clock()
+        now = self._device_clock()
         image = self._source.image(counter)
         arrives = self._clock() + self.faults.delays_s.get(counter, 0.0)
         exposure = Exposure(counter, image, now, settings.exposure_ms, arrives)

@@ -16,6 +16,7 @@ from sensors.camera import Frame
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
+from sensors.frames import HOST_SPREAD_S
 from sensors.shot import HeadFrames, WheelShot
 
 SHOT_FILE = "shot.json"
@@ -84,7 +85,28 @@ class ShotFile(StrictModel):
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
                 raise DegenerateInputError(field=field, expected=what, seen=f"'{twice}' twice")
+        self._is_of_one_moment()
         return self
+
+    def _is_of_one_moment(self) -> None:
+        first = self.heads[0].left
+        for number, head in enumerate(self.heads):
+            for side, entry in (("left", head.left), ("right", head.right)):
+                if entry.trigger_counter != first.trigger_counter:
+                    raise DegenerateInputError(
+                        field=f"heads[{number}].{side}.trigger_counter",
+                        expected=f"{first.trigger_counter}, the trigger of the first image",
+                        seen=f"{entry.trigger_counter} of camera {entry.camera}",
+                        cure="Put images of one trigger into a shot; where triggers are not counted, write 1",
+                    )
+                apart = abs(entry.host_time_s - first.host_time_s)
+                if apart > HOST_SPREAD_S:
+                    raise DegenerateInputError(
+                        field=f"heads[{number}].{side}.host_time_s",
+                        expected=f"within {HOST_SPREAD_S:g} s of the first image, {first.host_time_s:g}",
+                        seen=f"{entry.host_time_s:g} of camera {entry.camera}",
+                        cure="Put images of one trigger into a shot; where times are not known, write 0",
+                    )
 
 
 def read_shot_file(folder: str | PathLike[str]) -> ShotFile:

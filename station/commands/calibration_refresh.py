@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from station.commands.output import JsonFlag, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 
 
 def refresh_command(
@@ -23,6 +23,14 @@ def refresh_command(
     focal: Annotated[
         bool, typer.Option("--focal", help="The lens may have been refocused: its focal length too.")
     ] = False,
+    largest_u95: Annotated[
+        float,
+        typer.Option(
+            help="Largest expanded uncertainty of an angle that the new calibration may state, arcminutes.",
+            min=0.01,
+            max=60,
+        ),
+    ] = 0.2,
     config: Annotated[
         Path | None, typer.Option(help="Station's configuration whose [measure] counts.", show_default=False)
     ] = None,
@@ -32,29 +40,44 @@ def refresh_command(
 
     Light lines must meet their epipolar lines, and all heads must see one body of revolution. All other
     cameras are held. What wheels cannot tell stays uncertain, and the calibration says how much: when its
-    angles are too uncertain, calibrate with the plate.
+    angles would be too uncertain, or more so than they are wrong now, nothing is written, exit status 1:
+    calibrate with the plate.
     """
     from datetime import UTC, datetime
 
+    from alignment.calibration.gate import ARCMIN
     from alignment.values import MeasureSettings
     from station.calibration_refresh import refresh_file, refreshed_as_json
     from station.config import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
-    found, new = refresh_file(shots, calibration, out, datetime.now(UTC), settings, focal=focal)
-    result = refreshed_as_json(found, new) | {"out": None if new is None else str(out), "shots": len(shots)}
+    done = refresh_file(
+        shots, calibration, out, datetime.now(UTC), settings, focal=focal, largest_u95=largest_u95 * ARCMIN
+    )
+    written = None if done.calibration is None else str(out)
+    result = refreshed_as_json(done) | {"out": written, "shots": len(shots)}
     if as_json:
         print_json(result)
     else:
         _print(result)
+    if done.refused is not None:
+        raise typer.Exit(GOAL_MISSED)
 
 
 def _print(result: dict[str, Any]) -> None:
     for head in result["heads"]:
         verdict = "CHANGED" if head["changed"] else "as calibrated"
         typer.echo(f"{head['head']}: {head['row_rms_px']:.3f} px RMS of {head['pairs']} crosses, {verdict}")
+    if result["contradiction"] is not None:
+        typer.echo(
+            f"surfaces of the wheels: {result['contradiction']:.2f} of what an unchanged rig stays below"
+        )
+    old = [60.0 * result[f"old_{name}_u95_deg"] for name in ("camber", "toe")]
     if result["camera"] is None:
         typer.echo("no camera changed; nothing written")
+        if result["contradiction"] is None:
+            typer.echo("fewer than three wheels: a turn that moves no line off its row would not show")
+        typer.echo(f"angles as before: camber ±{old[0]:.2f}′, toe ±{old[1]:.2f}′ (95 %) from the calibration")
         return
     turn = ", ".join(f"{angle:+.2f}′" for angle in result["turn_arcmin"])
     move = ", ".join(f"{value:+.3f}" for value in result["move_mm"])
@@ -69,7 +92,14 @@ def _print(result: dict[str, Any]) -> None:
             f"change camber by {other['camber_difference_arcmin']:+.2f}′ and toe by "
             f"{other['toe_difference_arcmin']:+.2f}′; the uncertainty below covers both, more shots tell more"
         )
-    if result["predicted_camber_u95_deg"] is not None:
-        camber, toe = (60.0 * result[f"predicted_{name}_u95_deg"] for name in ("camber", "toe"))
-        typer.echo(f"angles from now on: camber ±{camber:.2f}′, toe ±{toe:.2f}′ (95 %) from the calibration")
+    change = [result[f"{name}_change_arcmin"] for name in ("camber", "toe")]
+    typer.echo(f"camber changes by {change[0]:+.2f}′, toe by {change[1]:+.2f}′")
+    camber, toe = (60.0 * result[f"predicted_{name}_u95_deg"] for name in ("camber", "toe"))
+    typer.echo(
+        f"angles from now on: camber ±{camber:.2f}′, toe ±{toe:.2f}′ (95 %) from the calibration; "
+        f"the one in force states ±{old[0]:.2f}′, ±{old[1]:.2f}′"
+    )
+    if result["reason"] is not None:
+        typer.echo(f"refused, nothing written: {result['reason']}")
+        return
     typer.echo(f"wrote {result['out']}: {result['calibration_id']}")

@@ -65,6 +65,32 @@ class CameraContract:
         assert counters == [1, 2, 3]
         assert stamps == sorted(stamps)
 
+    def test_the_device_s_clock_goes_on_and_is_no_older_than_the_trigger(self, armed, clock):
+        stamps = []
+        for _ in range(3):
+            armed.trigger()
+            stamps.append(armed.fetch(self.TIMEOUT_S).device_time_s)
+            clock.sleep(1.0)
+        assert stamps == sorted(set(stamps))
+
+    def test_the_clock_goes_on_over_arming(self, armed, clock):
+        armed.trigger()
+        before = armed.fetch(self.TIMEOUT_S).device_time_s
+        clock.sleep(1.0)
+        armed.arm(self.SETTINGS)
+        armed.trigger()
+        assert armed.fetch(self.TIMEOUT_S).device_time_s > before
+
+    def test_an_image_is_not_written_over_by_the_next_one(self, armed):
+        armed.trigger()
+        first = armed.fetch(self.TIMEOUT_S).image
+        kept = first.copy()
+        armed.trigger()
+        second = armed.fetch(self.TIMEOUT_S).image
+        assert (first == kept).all()
+        assert not np.shares_memory(first, second)
+        assert not (first == second).all()
+
     def test_arming_again_starts_the_count_again_and_forgets_frames(self, armed):
         armed.trigger()
         armed.trigger()
