@@ -54,8 +54,8 @@ def test_two_heads_measure_with_a_larger_uncertainty_and_say_so(wheel: Wheel, lo
     assert not whole.degraded
     assert max(result.camber_u, result.toe_u) > max(whole.camber_u, whole.toe_u)
     assert [head.name for head in result.heads] == [f"head_{k + 1}" for k in range(3) if k != lost]
-    assert_angle_within(result.camber, wheel.camber, 0.1, "camber")
-    assert_angle_within(result.toe, wheel.toe, 0.1, "toe")
+    assert_angle_within(result.camber, wheel.camber, 0.05, "camber")
+    assert_angle_within(result.toe, wheel.toe, 0.05, "toe")
     assert abs(result.camber - wheel.camber) < 3.0 * result.camber_u
     assert abs(result.toe - wheel.toe) < 3.0 * result.toe_u
 

@@ -24,7 +24,7 @@ POSES = [(camber, toe) for camber in (-3.0, 0.0, 3.0) for toe in (-3.0, 0.0, 3.0
 
 
 @pytest.mark.parametrize(("camber", "toe"), POSES)
-def test_nine_poses_with_noise_and_lettering_stay_below_a_tenth_of_an_arcminute(
+def test_nine_poses_with_noise_and_lettering_stay_below_three_hundredths_of_an_arcminute(
     camber: float, toe: float
 ) -> None:
     seed = POSES.index((camber, toe)) + 100
@@ -36,8 +36,8 @@ def test_nine_poses_with_noise_and_lettering_stay_below_a_tenth_of_an_arcminute(
     result = measure_wheel(simulate_shot(scene, calibration, rng).images, calibration, MeasureSettings())
     assert isinstance(result, WheelMeasurement)
     truth = truth_of(scene)
-    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.1, "camber")
-    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.1, "toe")
+    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.03, "camber")
+    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.03, "toe")
 
 
 @pytest.mark.parametrize("wheel", path_traced.WHEELS)
@@ -62,5 +62,5 @@ def test_path_traced_wheels_survive_the_recorded_format(
     result = measure_wheel(read_shot(tmp_path / "shot", again).images, again, MeasureSettings())
     assert isinstance(result, WheelMeasurement)
     truth = path_traced.truth(folder, wheel)
-    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.1, "camber")
-    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.1, "toe")
+    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.03, "camber")
+    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.03, "toe")

@@ -65,5 +65,5 @@ def test_a_bright_obstacle_before_half_of_one_head_leaves_the_angles_right(
     hidden = result.heads[1]
     assert hidden.points < 0.8 * result.heads[0].points
     truth = truth_of(scene)
-    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.06, "camber")
-    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.06, "toe")
+    assert_angle_within(result.camber, math.radians(truth.camber_deg), 0.03, "camber")
+    assert_angle_within(result.toe, math.radians(truth.toe_deg), 0.03, "toe")

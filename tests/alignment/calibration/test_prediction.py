@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from alignment.calibration.adjustment import adjust
 from alignment.calibration.prediction import (
     NominalWheel,
     angle_covariance,
@@ -18,6 +19,7 @@ from alignment.stereo.triangulation import triangulate
 from alignment.values import HeadCalibration, RigCalibration, Side
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles, repeat_calibrations
+from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
 
 
 def rig(side: Side = "left") -> RigCalibration:
@@ -90,9 +92,38 @@ def test_covariance_of_points_is_what_triangulation_does_when_a_camera_changes()
 def test_prediction_is_the_scatter_of_repeated_calibrations() -> None:
     repeats = repeat_calibrations(24, 3, lambda done, doing: None, views=4)
     # So many repeats know a standard deviation to 14 %; the study makes 200.
-    assert (np.abs(repeats.angle_ratios - 1.0) < 0.4).all(), repeats.angle_ratios
-    assert (np.abs(repeats.point_ratios - 1.0) < 0.45).all(), repeats.point_ratios
-    assert abs(np.sqrt(np.square(repeats.point_ratios).mean()) - 1.0) < 0.25
+    assert (np.abs(repeats.angle_ratios - 1.0) < 0.3).all(), repeats.angle_ratios
+    assert (np.abs(repeats.point_ratios - 1.0) < 0.3).all(), repeats.point_ratios
+    assert abs(np.sqrt(np.square(repeats.point_ratios).mean()) - 1.0) < 0.1
+    assert abs(np.sqrt(np.square(repeats.angle_ratios).mean()) - 1.0) < 0.1
+
+
+def error_of(found: RigCalibration, true: RigCalibration) -> np.ndarray:
+    """Errors of all camera parameters, as the covariance counts them."""
+    parts = []
+    for head, other in zip(found.heads, true.heads, strict=True):
+        for camera, truth in zip(head.cameras, other.cameras, strict=True):
+            pose, right = camera.rig_from_camera, truth.rig_from_camera
+            parts.append((right.inverse() @ pose).rotvec())
+            parts.append(pose.translation - right.translation)
+            parts.append(camera.model.parameters - truth.model.parameters)
+    return np.concatenate(parts)
+
+
+def test_the_covariance_of_a_calibration_is_that_of_its_errors_to_a_tenth() -> None:
+    """All ninety parameters count with their correlations: a covariance half as large again is seen."""
+    true = rig()
+    squares = []
+    for k in range(8):
+        views = observe(cameras_of(true), square_plate(), STAGES[:4], np.random.default_rng([1, k]))
+        found = adjust(views.data).rig_calibration("id", true.rig, true.side, true.vehicle_from_rig)
+        assert found.covariance is not None
+        deviation = np.sqrt(np.diag(found.covariance))
+        error = error_of(found, true) / deviation
+        correlation = found.covariance / np.outer(deviation, deviation)
+        squares.append(error @ np.linalg.solve(correlation, error) / len(error))
+    # 720 errors know a deviation to 3 %.
+    assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_calibration_without_covariance_predicts_nothing() -> None:
