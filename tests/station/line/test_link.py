@@ -203,3 +203,35 @@ def test_refusal_that_comes_after_a_reset_is_harmless(bench: Bench) -> None:
 def test_trigger_carries_the_vin(bench: Bench) -> None:
     bench.start(1)
     assert bench.commands() == [Trigger(1, FOUR, 7, VIN)]
+
+
+def test_first_frame_after_a_lost_communication_only_sets_the_counter(bench: Bench) -> None:
+    """It may have waited in an adapter: that its counter is in step proves nothing."""
+    lose(bench)
+    bench.command("none", 0)
+    bench.line.tick()
+    assert not bench.answer.link_up
+    assert not bench.status.ready
+    bench.command("none", 0)
+    assert bench.line.status.ready
+
+
+def test_vin_from_before_a_lost_communication_is_not_that_of_the_vehicle_after_it(bench: Bench) -> None:
+    bench.vin(5)
+    lose(bench)
+    for _ in range(2):
+        bench.command("none", 0)
+    bench.command("start", 5)
+    assert bench.answer.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.commands() == []
+
+
+def test_reset_forgets_the_vin_of_the_vehicle_before_it(bench: Bench) -> None:
+    bench.vin(5)
+    bench.command("reset", 6)
+    bench.commands()
+    bench.idle()
+    bench.command("none", 6)
+    bench.command("start", 5)
+    assert bench.answer.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.commands() == []
