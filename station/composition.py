@@ -22,7 +22,7 @@ from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
 from station.archive import ArchivingObserver, ImageArchive
-from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions
+from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions, StationConfig
 from station.cycle import MeasuringCycle
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
@@ -98,13 +98,7 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
             configuration.vehicle_types,
             line,
             store.results,
-            Bounds(
-                measure_s=settings.cycle.measure_timeout_s,
-                # The store bounds each statement; a commit is a few of them.
-                store_s=2.0 * settings.database.timeout_s,
-                acknowledge_s=settings.line.acknowledge_timeout_s,
-                adjust_s=settings.cycle.adjust_timeout_s,
-            ),
+            cycle_bounds(settings),
             settings.measure.coverage_factor,
             _archiving(archive, whole, observer or Observer()),
             image_folder=None if images is None else configuration.path(images),
@@ -114,6 +108,17 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         cycle.start()
         describe_station(store.results, configuration, whole, utc_now())
         yield OpenStation(cycle, whole, store.results, store.background, line, database, bus)
+
+
+def cycle_bounds(settings: StationConfig) -> Bounds:
+    """Return the longest waits of a cycle; the line's description says what they come to."""
+    return Bounds(
+        measure_s=settings.cycle.measure_timeout_s,
+        # The store bounds each statement; a commit is a few of them.
+        store_s=2.0 * settings.database.timeout_s,
+        acknowledge_s=settings.line.acknowledge_timeout_s,
+        adjust_s=settings.cycle.adjust_timeout_s,
+    )
 
 
 def _archiving(

@@ -47,12 +47,13 @@ configuration; ask for its file. `LongestCycle` below is this value:
 
 | mode | longest time | with the defaults |
 |---|---|---|
-| automatic, master_check, calibrate | `cycle.measure_timeout_s` + 6 × `database.timeout_s` | \
-{longest_s:g} s |
-| adjust | the same + `cycle.adjust_timeout_s` | {longest_adjust_s:g} s |
+| automatic, calibrate | `cycle.measure_timeout_s` + 4 × `database.timeout_s` | {longest_s:g} s |
+| master_check | `cycle.measure_timeout_s` + 12 × `database.timeout_s` | {longest_master_s:g} s |
+| adjust | that of automatic + `cycle.adjust_timeout_s` | {longest_adjust_s:g} s |
 
-For each wheel beyond four add `database.timeout_s` once more. A cycle that is aborted ends sooner; `Ready`
-may then come up to `cycle.measure_timeout_s` after its results, while cameras that were left behind finish.
+For each wheel beyond four a master check takes up to 2 × `database.timeout_s` more. A cycle that is aborted
+ends sooner; `Ready` may then come up to `cycle.measure_timeout_s` after its results, while cameras that
+were left behind finish.
 
 The steps of a controller, in Structured Text (IEC 61131-3). `Type#WORD` is a word of the value tables, in
 capitals. All else that it names:

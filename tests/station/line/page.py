@@ -174,7 +174,7 @@ class PagePlc:
         send: Callable[[int, bytes], None],
         kept: Kept,
         now: float,
-        longest_cycle_s: float = 60.0,
+        longest_cycle_s: float = 50.0,
         vehicle_type: int = 7,
     ) -> None:
         self.code, self.send, self.kept, self.now = code, send, kept, now

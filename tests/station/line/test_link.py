@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import can
 import pytest
 
 from station.line.messages import (
@@ -235,3 +236,15 @@ def test_reset_forgets_the_vin_of_the_vehicle_before_it(bench: Bench) -> None:
     bench.command("start", 5)
     assert bench.answer.error_code is LineErrorCode.VIN_INCOMPLETE
     assert bench.commands() == []
+
+
+def test_alive_counter_counts_the_frames_that_went_out(bench: Bench) -> None:
+    """A controller that watches it would take a frame that the adapter refused for one that it missed."""
+    bench.line.tick()
+    before = bench.status.alive_counter
+    bench.fake.send_error = can.CanOperationError("transmit queue full")
+    for _ in range(3):
+        bench.line.tick()
+    bench.fake.send_error = None
+    bench.line.tick()
+    assert bench.status.alive_counter == (before + 1) % 256

@@ -317,7 +317,7 @@ def test_controller_restarts_amid_a_cycle_that_does_not_end(world: World) -> Non
     world.run(3.0)
     world.power_plc()
     world.plc.waiting.clear()
-    world.run(63.0)
+    world.run(53.0)
     assert [(vin, outcome) for vin, _, outcome in world.kept.results] == [(VIN, "aborted")]
     world.judge()
 
@@ -343,7 +343,7 @@ def test_cycle_that_does_not_end_is_aborted_after_the_page_s_time(world: World) 
     assert world.plc is not None
     world.plan[VIN] = "hang"
     world.plc.waiting += VINS[:2]
-    world.run(58.0)
+    world.run(48.0)
     assert world.kept.not_measured == []
     world.run(8.0)
     assert [kept[0] for kept in world.kept.not_measured] == [VIN]
