@@ -212,35 +212,46 @@ def test_every_make_target_that_the_readme_names_exists() -> None:
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
 
 
-def documented_commands() -> list[tuple[str, str]]:
-    """Each command line that a document shows outside of fences, with the document's name."""
+def documented_commands(pattern: str) -> list[tuple[str, str]]:
+    """Command lines that documents show, with the document's name; continued lines joined."""
     found = []
     for document in DOCUMENTS:
         text = document.read_text(encoding="utf-8").replace("\\\n", " ")
-        for line in re.findall(r"^(?: {4}|\$ )(?:\.venv/bin/)?truewheel (.+)$", text, flags=re.MULTILINE):
+        for line in re.findall(pattern, text, flags=re.MULTILINE):
             found.append((document.name, line))
-        # In the text and in tables; what stands in brackets is optional, words in capitals are the reader's.
-        for line in re.findall(r"`(?:\.venv/bin/)?truewheel ([a-z][^`]*)`", text):
-            if not re.search(r"[…|]", line):
-                found.append((document.name, re.sub(r"\[([^\]]*)\]", r"\1", line)))
     return found
 
 
-@pytest.mark.parametrize(("document", "line"), documented_commands())
+@pytest.mark.parametrize(
+    ("document", "line"), documented_commands(r"^(?: {4}|\$ )(?:\.venv/bin/)?truewheel (.+)$")
+)
 def test_every_command_that_a_document_shows_is_understood(document: str, line: str) -> None:
-    understood(shlex.split(line, comments=True), named_only=True)
+    understood(shlex.split(line, comments=True))
 
 
-def understood(arguments: list[str], named_only: bool = False) -> None:
-    """Parse a command line with all checks of options, and do not run it.
+@pytest.mark.parametrize(
+    ("document", "line"), documented_commands(r"`(?:\.venv/bin/)?truewheel ([a-z][^`…|]*)`")
+)
+def test_every_command_that_a_sentence_names_exists_with_its_options(document: str, line: str) -> None:
+    # What stands in brackets is optional; required arguments may be left out.
+    words = shlex.split(re.sub(r"[\[\]]", " ", line))
+    command: Any = get_command(app)
+    options: set[str] = set()
+    for word in words:
+        if hasattr(command, "commands"):
+            assert word in command.commands, f"{document}: truewheel {line}"
+            command = command.commands[word]
+            options = {name for option in command.params for name in (*option.opts, *option.secondary_opts)}
+        elif word.startswith("--"):
+            assert word in options | {"--help"}, f"{document}: truewheel {line}"
 
-    With `named_only` it may stop before its required arguments, as a command that a sentence names does.
-    """
+
+def understood(arguments: list[str]) -> None:
+    """Parse a command line with all checks of options, and do not run it."""
     command: Any = get_command(app)
     context = None
-    while arguments and hasattr(command, "resolve_command"):
+    while hasattr(command, "resolve_command"):
         context = command.make_context(command.name, arguments, parent=context)
         rest = [*context._protected_args, *context.args]
         _, command, arguments = command.resolve_command(context, rest)
-    if not hasattr(command, "resolve_command"):
-        command.make_context(command.name, arguments, parent=context, resilient_parsing=named_only)
+    command.make_context(command.name, arguments, parent=context)

@@ -15,6 +15,7 @@ from station.line.messages import (
     Mode,
     Outcome,
     Prepare,
+    Reset,
     StationState,
     StationStatus,
     Stop,
@@ -248,3 +249,11 @@ def test_alive_counter_counts_the_frames_that_went_out(bench: Bench) -> None:
     bench.fake.send_error = None
     bench.line.tick()
     assert bench.status.alive_counter == (before + 1) % 256
+
+
+def test_reset_supersedes_everything_that_waits(bench: Bench) -> None:
+    bench.command("prepare", 3)
+    bench.start(4)
+    bench.command("abort", 4)
+    bench.command("reset", 5)
+    assert bench.commands() == [Reset(5)]
