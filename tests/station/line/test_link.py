@@ -257,3 +257,13 @@ def test_reset_supersedes_everything_that_waits(bench: Bench) -> None:
     bench.command("abort", 4)
     bench.command("reset", 5)
     assert bench.commands() == [Reset(5)]
+
+
+def test_controller_that_is_heard_again_gets_a_frame_of_each_result_at_once(bench: Bench) -> None:
+    """Its counters are in step before the first result that counts."""
+    lose(bench)
+    bench.messages()
+    bench.command("none", 0)
+    assert "VehicleResult" not in dict(bench.messages())
+    bench.command("none", 0)
+    assert set(bench.database.result_messages) <= set(dict(bench.messages()))
