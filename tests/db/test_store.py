@@ -182,6 +182,8 @@ def test_calibrations_and_events_are_stored_once(store: ResultStore) -> None:
         store.record_event(event)
     assert store.calibration("cal-2") == calibration
     assert store.recent_events(5) == (event,)
+    assert store.stored_events([uuid4(), event.uuid]) == (event,)
+    assert store.stored_events([]) == ()
     with pytest.raises(StoreError, match="another calibration cal-2"):
         store.record_calibration(replace(calibration, document={}))
     with pytest.raises(StoreError, match="another event"):

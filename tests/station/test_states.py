@@ -46,3 +46,28 @@ def test_only_the_steps_of_the_table_are_possible(source: State, target: State) 
 
 def test_results_are_never_reported_without_passing_the_store() -> None:
     assert {state for state, targets in TRANSITIONS.items() if State.REPORTING in targets} == {State.STORING}
+
+
+def test_every_state_is_entered_from_where_it_should_be() -> None:
+    """The table itself, said once more from the other side: ready never comes before the answer."""
+    sources = {
+        target: {str(source) for source, targets in TRANSITIONS.items() if target in targets} - {"starting"}
+        for target in (
+            State.IDLE,
+            State.ARMED,
+            State.ADJUSTING,
+            State.MEASURING,
+            State.EVALUATING,
+            State.STORING,
+            State.REPORTING,
+        )
+    }
+    assert sources == {
+        State.IDLE: {"reporting", "fault"},
+        State.ARMED: {"idle"},
+        State.ADJUSTING: {"armed"},
+        State.MEASURING: {"armed", "adjusting"},
+        State.EVALUATING: {"armed", "adjusting", "measuring"},
+        State.STORING: {"evaluating"},
+        State.REPORTING: {"storing"},
+    }
