@@ -142,3 +142,13 @@ def test_refused_master_is_no_check(bench: Bench) -> None:
     assert (check.calibration_id, check.outcome) == ("cal-front_left", CheckOutcome.WITHIN)
     (wheel,) = (wheel for wheel in bench.store.cycles[0].wheels if wheel.wheel == "front_left")
     assert check.utc == wheel.measured_utc
+
+
+def test_shots_of_adjusting_are_counted_to_255_and_from_0_again(bench: Bench) -> None:
+    def stop_in_the_second_round() -> None:
+        if len(bench.line.live) == 258:
+            bench.line.queue.append(Stop(1))
+
+    bench.line.on_live = stop_in_the_second_round
+    bench.trigger(wheels=["front_left"], mode=Mode.ADJUST)
+    assert [angles.shot for angles, _ in bench.line.live[:258]] == [*range(1, 256), 0, 1, 2]
