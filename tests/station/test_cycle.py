@@ -346,3 +346,13 @@ def test_either_uncertainty_of_nothing_is_a_fault(bench: Bench, covariance: obje
     report = bench.trigger(wheels=["front_left"])
     assert report is not None
     assert report.record.reason_code == "internal_fault"
+
+
+def test_device_time_is_that_of_the_first_camera(bench: Bench) -> None:
+    rig = bench.rigs["front_left"]
+    first, *others = rig.shot.heads
+    rig.shot = replace(
+        rig.shot, heads=(replace(first, left=replace(first.left, device_time_s=987.5)), *others)
+    )
+    bench.trigger(wheels=["front_left"])
+    assert bench.store.cycles[0].wheels[0].device_time_s == 987.5
