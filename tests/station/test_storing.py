@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from alignment.errors import ConfigurationError, StoreUnavailableError
+from db.quality_records import StationRecord
 from station.config import Configuration, read_configuration
-from station.storing import limits_of, open_store
+from station.storing import describe_station, limits_of, open_store
+from tests.station.bench import TODAY
 
 ROOT = Path(__file__).parents[2]
 
@@ -58,3 +60,20 @@ def test_a_central_database_of_another_kind_is_refused(tmp_path: Path) -> None:
         open_store(configuration(tmp_path, central_url="mysql://x@y/z")),
     ):
         pass
+
+
+def test_no_password_of_a_database_is_stored_with_the_station(tmp_path: Path) -> None:
+    settings = configuration(tmp_path, central_url="postgresql://station:Secret9@quality-server/results")
+    told: list[object] = []
+
+    class Store:
+        def describe_station(self, *records: object) -> None:
+            told.extend(records)
+
+    describe_station(Store(), settings, [], TODAY)  # type: ignore[arg-type]
+    assert "station_1" in repr(told)
+    assert "Secret9" not in repr(told)
+    station = told[0]
+    assert isinstance(station, StationRecord)
+    assert not {"database", "archive"} & set(station.configuration)
+    assert {"line", "cycle", "measure", "rigs"} <= set(station.configuration)
