@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import cache
-from typing import Any
+from typing import Any, cast
 from uuid import UUID
 
-from sqlalchemy import Connection, func, select
+from sqlalchemy import Connection, bindparam, select, text
 
 from alignment.errors import StoreUnavailableError
 from db.quality_records import ArchivedShotRecord
@@ -52,9 +52,13 @@ class Head:
     hash: str
 
 
-@cache
-def content_names(kind: type) -> tuple[str, ...]:
+def content_names(kind: type[Any]) -> tuple[str, ...]:
     """The columns of a record's own row that are hashed, `stored_utc` aside."""
+    return _content_names(cast(Hashable, kind))
+
+
+@cache
+def _content_names(kind: Any) -> tuple[str, ...]:
     names = [item.name for item in fields(kind) if item.compare and item.name not in _CYCLE_PARTS]
     return (*names, *_VEHICLE) if kind is CycleRecord else tuple(names)
 
@@ -134,16 +138,14 @@ def new_links(connection: Connection, added: Iterable[tuple[Any, datetime | None
 def _end(connection: Connection, chain: str) -> Head:
     """The end of a chain, which nobody else makes longer until this transaction ends."""
     if connection.dialect.name == "postgresql":
-        connection.execute(select(func.pg_advisory_xact_lock(_lock_key(chain))))
-    here = chain_links.c.chain == chain
-    query = select(chain_links.c.number, chain_links.c.hash).where(here)
-    row = connection.execute(query.order_by(chain_links.c.number.desc()).limit(1)).one_or_none()
+        connection.execute(_LOCK, {"key": _lock_key(chain)})
+    row = connection.execute(_END, {"of": chain}).one_or_none()
     end = Head(0, NOTHING_BEFORE) if row is None else Head(row.number, row.hash)
     known: Head | None = _options(connection, "known").get(chain)
     if known is not None:
         seen: Head | None = end
         if end.number > known.number:
-            older = connection.execute(query.where(chain_links.c.number == known.number)).one_or_none()
+            older = connection.execute(_LINK, {"of": chain, "at": known.number}).one_or_none()
             seen = None if older is None else Head(older.number, older.hash)
         if seen != known:
             raise StoreUnavailableError(
@@ -153,6 +155,13 @@ def _end(connection: Connection, chain: str) -> Head:
                 " again goes on with what is there"
             )
     return end
+
+
+# Built once: they are asked at every write.
+_OF_CHAIN = select(chain_links.c.number, chain_links.c.hash).where(chain_links.c.chain == bindparam("of"))
+_END = _OF_CHAIN.order_by(chain_links.c.number.desc()).limit(1)
+_LINK = _OF_CHAIN.where(chain_links.c.number == bindparam("at"))
+_LOCK = text("SELECT pg_advisory_xact_lock(:key)")
 
 
 def _options(connection: Connection, name: str) -> dict[str, Head]:
@@ -167,16 +176,23 @@ def _lock_key(chain: str) -> int:
 def _chain_of(connection: Connection, record: Any) -> str:
     if isinstance(record, ArchivedShotRecord):
         query = select(cycles.c.station).where(cycles.c.uuid == record.cycle)
-        return connection.execute(query).scalar_one()
+        return str(connection.execute(query).scalar_one())
     return getattr(record, "station", None) or ""
 
 
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+
+
 def _json(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return _ENCODER.encode(value)
 
 
 def _plain(value: Any) -> Any:
     """A value as JSON has it, the same whatever database gave it back."""
+    if type(value) is float:
+        return _number(value)
+    if type(value) is str:
+        return value
     if isinstance(value, datetime):
         return value.astimezone(UTC).isoformat(timespec="microseconds")
     if isinstance(value, UUID):

@@ -15,12 +15,12 @@ from __future__ import annotations
 import enum
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import datetime
 from functools import cache
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 from uuid import UUID, uuid4
 
 from alignment.errors import InputError
@@ -82,8 +82,7 @@ def check_text(name: str, text: str) -> None:
 
 def check_values(record: Any) -> None:
     """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
-    kind: type[object] = type(record)
-    allowed = _allowed(kind)
+    allowed = _allowed(cast(Hashable, type(record)))
     for item in fields(record):
         value = getattr(record, item.name)
         name = f"{type(record).__name__}.{item.name}"
@@ -106,7 +105,7 @@ def check_values(record: Any) -> None:
 
 
 @cache
-def _allowed(record: type) -> dict[str, tuple[type, ...]]:
+def _allowed(record: Any) -> dict[str, tuple[type, ...]]:
     """The plain types of each field: SQLite keeps whatever it is given, and gives it back."""
     return {name: tuple(_plain_types(hint)) for name, hint in get_type_hints(record).items()}
 
