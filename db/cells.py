@@ -31,8 +31,14 @@ _SHOWN = 3
 def cell_findings(connection: Connection) -> Iterator[str]:
     """Sentences for cells that are no value of their column's kind: table, column, row, what is there."""
     for table in metadata.sorted_tables:
-        for column in table.c:
-            yield from _column(connection, table, column)
+        looks = {column.name: found for column in table.c if (found := _wrong(column)) is not None}
+        # One pass over the table for all of its columns.
+        counted = ", ".join(f"coalesce(sum({condition}), 0)" for condition, _ in looks.values())
+        numbers = connection.exec_driver_sql(f"SELECT {counted} FROM {table.name}").one()
+        for number, (name, (condition, what)) in zip(numbers, looks.items(), strict=True):
+            if number:
+                places = _places(connection, table, name, condition)
+                yield f"{table.name}: {number} values of column {name} are no {what} ({places})"
 
 
 def impossible_times(connection: Connection) -> Iterator[str]:
@@ -49,22 +55,15 @@ def impossible_times(connection: Connection) -> Iterator[str]:
                 yield f"{table.name}: {number} impossible times in column {column.name}"
 
 
-def _column(connection: Connection, table: Table, column: Column[object]) -> Iterator[str]:
-    wrong = _wrong(column)
-    if wrong is None:
-        return
-    condition, what = wrong
+def _places(connection: Connection, table: Table, name: str, condition: str) -> str:
+    """Some of the rows with what stands there."""
     rowid = ", ".join(table.primary_key.columns.keys()) if table.name in _WITHOUT_ROWID else "rowid"
-    number = connection.exec_driver_sql(f"SELECT count(*) FROM {table.name} WHERE {condition}").scalar_one()
-    if not number:
-        return
     # As bytes: what is text by its type may be no text.
-    seen = f"substr(quote(CAST({column.name} AS BLOB)), 1, 60)"
+    seen = f"substr(quote(CAST({name} AS BLOB)), 1, 60)"
     shown = connection.exec_driver_sql(
-        f"SELECT {rowid}, typeof({column.name}), {seen} FROM {table.name} WHERE {condition} LIMIT {_SHOWN}"
+        f"SELECT {rowid}, typeof({name}), {seen} FROM {table.name} WHERE {condition} LIMIT {_SHOWN}"
     ).all()
-    places = "; ".join(f"row {row[0]}: {row[-2]} {row[-1]}" for row in shown)
-    yield f"{table.name}: {number} values of column {column.name} are no {what} ({places})"
+    return "; ".join(f"row {row[0]}: {row[-2]} {row[-1]}" for row in shown)
 
 
 _WITHOUT_ROWID = frozenset(("value_sums", "result_counts"))

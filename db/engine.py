@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -175,7 +176,6 @@ class _SqliteCreator:
     def __call__(self) -> sqlite3.Connection:
         # Without mode=rw SQLite would replace a file that was moved away by an empty one.
         mode = "rw" if self._mode == "rwc" and self._first is not None else self._mode
-        before = identity_of(self._path)
         connection = sqlite3.connect(
             f"file:{quote(str(self._path))}?mode={mode}",
             uri=True, timeout=self._timeout_s, isolation_level=None, check_same_thread=False,
@@ -191,29 +191,25 @@ class _SqliteCreator:
                 connection.execute("PRAGMA cache_size=-64000")
                 connection.execute("PRAGMA mmap_size=1073741824")
                 return connection
-            connection.execute("PRAGMA journal_mode=WAL")
+            (journal,) = connection.execute("PRAGMA journal_mode=WAL").fetchone()
             connection.execute("PRAGMA synchronous=FULL")
             connection.execute("PRAGMA foreign_keys=ON")
-            self._note_files(connection, before)
+            # A file system without shared memory keeps another journal, without companions.
+            self._note_files(connection, companions(self._path) if journal == "wal" else ())
         except BaseException:
             connection.close()
             raise
         return connection
 
-    def _note_files(self, connection: WatchedConnection, before: tuple[int, int] | None) -> None:
+    def _note_files(self, connection: WatchedConnection, beside: Iterable[Path]) -> None:
         # Opens the companions, should they not be open yet.
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        now = identity_of(self._path)
-        expected = self._first or before or now
-        if now is None or now != expected:
-            raise replaced(self._where, self._path, gone=now is None)
-        self._first = now
-        connection.opened = {self._path: now}
-        for path in companions(self._path):
-            found = identity_of(path)
-            if found is None:
-                raise replaced(self._where, path, gone=True)
+        opened = {path: identity_of(path) for path in (self._path, *beside)}
+        for path, found in opened.items():
+            if found is None or (path == self._path and self._first not in (None, found)):
+                raise replaced(self._where, path, gone=found is None)
             connection.opened[path] = found
+        self._first = opened[self._path]
 
 
 class _SquaredDeviations:
