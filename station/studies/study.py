@@ -180,7 +180,9 @@ def _text(study: Titled, result: StudyResult) -> str:
     for name, value in result.figures.items():
         goals = [goal for goal in result.goals if goal.figure == name]
         limits = " and ".join(str(goal) for goal in goals)
-        met = " and ".join(dict.fromkeys(goal.said(value, "yes", "**no**") for goal in goals))
+        # The first limit that is missed speaks for all.
+        worst = next((goal for goal in goals if not goal.met(value)), goals[0]) if goals else None
+        met = "" if worst is None else worst.said(value, "yes", "**no**")
         shown = "–" if math.isnan(value) else f"{value:.4g}"
         lines.append(f"| {name} | {shown} | {limits} | {met} |")
     lines += ["", *(f"![{name}]({name}.png)" for name in result.plots)]
