@@ -142,8 +142,8 @@ def _apart(times: dict[str, float], allowed: float, its: str, others: str) -> li
     return [
         CameraError(
             camera,
-            f"a frame of another moment: {its} {time:.3f} s, {others} {common:.3f} s, allowed is a difference "
-            f"of {1e3 * allowed:.3g} ms",
+            f"a frame of another moment: {its} {time:.3f} s, {others} {common:.3f} s, allowed is a "
+            f"difference of {1e3 * allowed:.3g} ms",
             "Arm the rig again; if it stays, connect the camera again, or allow more in [cameras]",
         )
         for camera, time in times.items()

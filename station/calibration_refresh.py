@@ -177,6 +177,9 @@ def refreshed_as_json(done: RefreshedFile) -> dict[str, Any]:
         "wheels": found.wheels,
         "row_rms_px": found.row_rms_px,
         "contradiction": found.contradiction,
+        "unseen_u95_deg": None
+        if found.unseen is None
+        else [float(np.degrees(_COVERAGE_FACTOR * each)) for each in found.unseen],
         "camber_change_arcmin": float(found.angle_change[0]) / ARCMIN,
         "toe_change_arcmin": float(found.angle_change[1]) / ARCMIN,
         "old_camber_u95_deg": old_camber,

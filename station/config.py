@@ -150,8 +150,8 @@ class CameraOptions(StrictModel):
         default=20.0,
         ge=0,
         le=60_000,
-        description="Frames of one shot whose cameras' clocks differ by more make the shot fail, milliseconds; "
-        "0 leaves the clocks uncompared",
+        description="Frames of one shot whose cameras' clocks differ by more make the shot fail, "
+        "milliseconds; 0 leaves the clocks uncompared",
     )
     clocks_synchronised: bool = Field(
         default=False,

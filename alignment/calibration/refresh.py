@@ -26,6 +26,7 @@ from alignment.calibration.observations import CameraKey
 from alignment.calibration.prediction import angle_sensitivity
 from alignment.calibration.row_equations import (
     Equations,
+    as_noisy_as_they_are,
     camera_rows,
     joined_equations,
     robust_rms,
@@ -175,6 +176,9 @@ class Refreshed:
         How much the best movement explains of what surfaces and rows show, in units of what a rig that has
         not changed stays below; above 1 something moved. None where rows told already, or where fewer than
         three wheels leave nothing to judge by.
+    unseen
+        (2,) camber and toe, radians, one standard deviation, by which a camera or a head that moved may turn
+        a wheel without showing in these shots; None as for `contradiction`.
     angle_change
         (2,) by how much camber and toe of a wheel become other ones, radians, to first order.
     """
@@ -188,6 +192,7 @@ class Refreshed:
     calibration: RigCalibration
     contradiction: float | None = None
     angle_change: Array = field(default_factory=lambda: np.zeros(2))
+    unseen: Array | None = None
 
     @property
     def certain(self) -> bool:
@@ -278,13 +283,14 @@ def refresh_from(
         k: _surfaces(sightings, calibration, k)
         for k in suspects or range(len(heads) if sightings.wheels else 0)
     }
-    contradiction = None
+    contradiction, unseen = None, None
     if not suspects and min(map(len, surfaces.values()), default=0) >= FEWEST_WHEELS:
         # A turn that shifts the image along the rows alone: any head may be the one.
-        contradiction, suspects = _suspects(sightings, calibration, surfaces, movement or Movement())
+        contradiction, unseen, suspects = _suspects(sightings, calibration, surfaces, movement or Movement())
     if not suspects:
         worst = max(state.row_rms_px for state in heads)
-        return Refreshed(heads, None, None, np.zeros(2), worst, 0, calibration, contradiction)
+        unchanged = Refreshed(heads, None, None, np.zeros(2), worst, 0, calibration, contradiction)
+        return replace(unchanged, unseen=unseen)
     found = [
         estimate(sightings, calibration, (heads[k].name, side), movement, surfaces[k])
         for k in suspects
@@ -332,8 +338,8 @@ def _suspects(
     calibration: RigCalibration,
     surfaces: dict[int, list[WheelBase]],
     movement: Movement,
-) -> tuple[float, list[int]]:
-    """How clearly rows and surfaces contradict the calibration, and the heads that may have moved.
+) -> tuple[float, Array, list[int]]:
+    """How clearly rows and surfaces contradict the calibration, what stays unseen, and the suspected heads.
 
     Raises
     ------
@@ -350,8 +356,9 @@ def _suspects(
         found += explanations(calibration, k, equations, movement.covariance[:6, :6])
     best = max(found, key=lambda each: each.gain)
     contradiction = best.gain / contradiction_limit(min(map(len, surfaces.values())))
+    unseen = np.max([each.unseen for each in found], axis=0)
     if contradiction <= 1.0:
-        return contradiction, []
+        return contradiction, unseen, []
     if is_whole_head(found, size, _CLEAR_CAMERA):
         name = calibration.heads[best.head].name
         raise DegenerateInputError(
@@ -360,7 +367,11 @@ def _suspects(
             seen=f"surfaces that contradict the calibration, as if both cameras of {name} moved together",
             cure="Calibrate the rig with the plate; until then its angles may be off.",
         )
-    return contradiction, sorted({each.head for each in found if each.gain >= _WORTH_A_LOOK * best.gain})
+    return (
+        contradiction,
+        unseen,
+        sorted({each.head for each in found if each.gain >= _WORTH_A_LOOK * best.gain}),
+    )
 
 
 def estimate(
@@ -416,7 +427,7 @@ def estimate(
         if surfaces and number >= _ROW_ROUNDS:
             shapes = wheel_equations(surfaces, current)
             misfit = shapes.values - shapes.derivatives @ basis @ step
-            shapes, scale = _as_noisy_as_they_are(shapes, misfit, prior)
+            shapes, scale = as_noisy_as_they_are(shapes, misfit, prior)
             equations = joined_equations([equations, shapes])
         h = equations.derivatives
         # Values as they would be at the old calibration, to first order about the new one.
@@ -436,18 +447,6 @@ def estimate(
     rest = robust_rms(row_differences(current.heads[head], sightings.pairs[head]))
     refreshed = replace(current, covariance=0.5 * (covariance + covariance.T))
     return Estimate(camera, step, refreshed, evidence, rest, len(surfaces))
-
-
-def _as_noisy_as_they_are(shapes: Equations, misfit: Array, prior: Array) -> tuple[Equations, float]:
-    """Equations of wheels with the noise that their misfit shows, and what that adds to −2 log evidence.
-
-    What all wheels have in common, the projector's lines, the way in which tyres are not round, does not show
-    in how they differ.
-    """
-    h = shapes.derivatives
-    spread = h @ prior @ h.T + np.eye(len(h))
-    factor = math.sqrt(max(1.0, float(misfit @ np.linalg.solve(spread, misfit)) / len(misfit)))
-    return Equations(shapes.values / factor, h / factor), 2.0 * len(misfit) * math.log(factor)
 
 
 def _as_moved(found: Estimate, share: float) -> Moved:

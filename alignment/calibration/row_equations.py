@@ -40,6 +40,18 @@ def joined_equations(parts: list[Equations]) -> Equations:
     )
 
 
+def as_noisy_as_they_are(shapes: Equations, misfit: Array, prior: Array) -> tuple[Equations, float]:
+    """Equations of wheels with the noise that their misfit shows, and what that adds to −2 log evidence.
+
+    What all wheels have in common, the projector's lines, the way in which tyres are not round, does not show
+    in how they differ.
+    """
+    h = shapes.derivatives
+    spread = h @ prior @ h.T + np.eye(len(h))
+    factor = math.sqrt(max(1.0, float(misfit @ np.linalg.solve(spread, misfit)) / len(misfit)))
+    return Equations(shapes.values / factor, h / factor), 2.0 * len(misfit) * math.log(factor)
+
+
 def row_differences(head: HeadCalibration, pairs: CrossPairs) -> Array:
     """(N,) row differences of the pairs in the rectified head, pixels."""
     frame = Rectification.of(head.left, head.right)

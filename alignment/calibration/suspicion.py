@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from alignment.calibration.prediction import angle_sensitivity
 from alignment.calibration.row_equations import Equations, camera_rows
 from alignment.values import RigCalibration
 
@@ -40,12 +41,16 @@ class Explanation:
         F: squared misfit that it takes away, for each of its numbers, in units of the misfit that stays.
     rest
         Squared misfit that stays, in standard deviations of crosses, surfaces and calibration.
+    unseen
+        Camber and toe, radians, one standard deviation, by which a movement of this kind may turn a wheel
+        without showing in these shots; beside what the calibration states.
     """
 
     head: int
     part: Part
     gain: float
     rest: float
+    unseen: tuple[float, float]
 
 
 def contradiction_limit(wheels: int) -> float:
@@ -75,17 +80,23 @@ def explanations(
     assert calibration.covariance is not None
     h, values = equations.derivatives, equations.values
     spread = h @ calibration.covariance @ h.T + np.eye(len(values))
+    angles = angle_sensitivity(calibration)
     misfit = float(values @ np.linalg.solve(spread, values))
     out = []
     parts: tuple[Part, ...] = ("left", "right", "head")
     for part in parts:
-        moves = h @ _moves(calibration, head, part)
+        basis = _moves(calibration, head, part)
+        moves = h @ basis
         weighted = np.linalg.solve(spread, moves)
         right = weighted.T @ values
-        step = np.linalg.solve(moves.T @ weighted + np.linalg.inv(allowed), right)
+        told, before = moves.T @ weighted, np.linalg.inv(allowed)
+        step = np.linalg.solve(told + before, right)
         taken = float(right @ step)
         noise = max(1.0, (misfit - taken) / len(values))
-        out.append(Explanation(head, part, taken / len(step) / noise, misfit - taken))
+        turns = angles @ basis
+        open_yet = np.einsum("ai,ij,aj->a", turns, np.linalg.inv(told / noise + before), turns)
+        unseen = float(np.sqrt(open_yet[0])), float(np.sqrt(open_yet[1]))
+        out.append(Explanation(head, part, taken / len(step) / noise, misfit - taken, unseen))
     return tuple(out)
 
 

@@ -90,6 +90,8 @@ class ShotFile(StrictModel):
 
     def _is_of_one_moment(self) -> None:
         first = self.heads[0].left
+        # A program that does not know the time writes 0.
+        known = [e.host_time_s for h in self.heads for e in (h.left, h.right) if e.host_time_s != 0.0]
         for number, head in enumerate(self.heads):
             for side, entry in (("left", head.left), ("right", head.right)):
                 if entry.trigger_counter != first.trigger_counter:
@@ -99,11 +101,10 @@ class ShotFile(StrictModel):
                         seen=f"{entry.trigger_counter} of camera {entry.camera}",
                         cure="Put images of one trigger into a shot; where triggers are not counted, write 1",
                     )
-                apart = abs(entry.host_time_s - first.host_time_s)
-                if apart > HOST_SPREAD_S:
+                if entry.host_time_s != 0.0 and abs(entry.host_time_s - known[0]) > HOST_SPREAD_S:
                     raise DegenerateInputError(
                         field=f"heads[{number}].{side}.host_time_s",
-                        expected=f"within {HOST_SPREAD_S:g} s of the first image, {first.host_time_s:g}",
+                        expected=f"within {HOST_SPREAD_S:g} s of the first image, {known[0]:g}",
                         seen=f"{entry.host_time_s:g} of camera {entry.camera}",
                         cure="Put images of one trigger into a shot; where times are not known, write 0",
                     )

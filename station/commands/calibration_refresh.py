@@ -77,6 +77,12 @@ def _print(result: dict[str, Any]) -> None:
         typer.echo("no camera changed; nothing written")
         if result["contradiction"] is None:
             typer.echo("fewer than three wheels: a turn that moves no line off its row would not show")
+        if result["unseen_u95_deg"] is not None:
+            camber, toe = (60.0 * each for each in result["unseen_u95_deg"])
+            typer.echo(
+                "what these wheels cannot show, such as a head that came nearer by 0.05 mm: "
+                f"camber ±{camber:.2f}′, toe ±{toe:.2f}′ (95 %); a check with plate or master wheel shows it"
+            )
         typer.echo(f"angles as before: camber ±{old[0]:.2f}′, toe ±{old[1]:.2f}′ (95 %) from the calibration")
         return
     turn = ", ".join(f"{angle:+.2f}′" for angle in result["turn_arcmin"])

@@ -294,6 +294,18 @@ def test_a_recorded_shot_of_two_moments_is_refused(tmp_path, key: str, value: fl
         read_shot(folder)
 
 
+def test_a_recorded_shot_of_which_some_times_are_not_known_is_read(tmp_path) -> None:
+    taken = shot(trigger=4)
+    heads = [
+        replace(head, left=replace(head.left, host_time_s=0.0, device_time_s=0.0)) for head in taken.heads
+    ]
+    heads[2] = replace(heads[2], right=replace(heads[2].right, host_time_s=5e5))
+    heads[1] = replace(heads[1], right=replace(heads[1].right, host_time_s=5e5))
+    heads[0] = replace(heads[0], right=replace(heads[0].right, host_time_s=5e5 + 1.0))
+    write_shot(tmp_path / "shot", replace(taken, heads=tuple(heads)))
+    assert read_shot(tmp_path / "shot").heads[2].left.host_time_s == 0.0
+
+
 def test_frames_that_arrived_within_the_longest_timeout_are_of_one_moment(tmp_path) -> None:
     taken = shot(trigger=4)
     heads = list(taken.heads)
