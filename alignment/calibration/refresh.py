@@ -178,7 +178,7 @@ class Refreshed:
         three wheels leave nothing to judge by.
     unseen
         (2,) camber and toe, radians, one standard deviation, by which a camera or a head that moved may turn
-        a wheel without showing in these shots; None as for `contradiction`.
+        a wheel without showing in these shots; None where `contradiction` is.
     angle_change
         (2,) by how much camber and toe of a wheel become other ones, radians, to first order.
     """

@@ -42,8 +42,8 @@ class Explanation:
     rest
         Squared misfit that stays, in standard deviations of crosses, surfaces and calibration.
     unseen
-        Camber and toe, radians, one standard deviation, by which a movement of this kind may turn a wheel
-        without showing in these shots; beside what the calibration states.
+        Camber and toe, radians, by which a movement of this kind may turn a wheel without showing in these
+        shots: the likeliest one and its standard deviation, root of the sum of squares.
     """
 
     head: int
@@ -95,8 +95,10 @@ def explanations(
         noise = max(1.0, (misfit - taken) / len(values))
         turns = angles @ basis
         open_yet = np.einsum("ai,ij,aj->a", turns, np.linalg.inv(told / noise + before), turns)
-        unseen = float(np.sqrt(open_yet[0])), float(np.sqrt(open_yet[1]))
-        out.append(Explanation(head, part, taken / len(step) / noise, misfit - taken, unseen))
+        camber, toe = np.sqrt(open_yet + (turns @ step) ** 2)
+        out.append(
+            Explanation(head, part, taken / len(step) / noise, misfit - taken, (float(camber), float(toe)))
+        )
     return tuple(out)
 
 

@@ -22,6 +22,7 @@ STUDIES = {
     "nonparallel-head": "station.studies.nonparallel_head",
     "parallel-head": "station.studies.parallel_head",
     "refresh": "station.studies.refresh",
+    "refresh-rates": "station.studies.refresh_rates",
     "repeatability": "station.studies.repeatability",
     "wheel-grid": "station.studies.wheel_grid",
 }
