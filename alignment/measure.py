@@ -256,7 +256,7 @@ def _evaluate(
     judgement = judge(
         moves,
         math.sqrt(misfit.sum() / weights.sum()),
-        row_fields(lines, matched, surface.chosen, calibration.heads),
+        row_fields(lines, matched, surface.chosen, calibration.heads, fit.height),
         knock_model(calibration),
         fit.normal,
         by_normal @ fit.tilt_axes.T,

@@ -173,6 +173,12 @@ class WheelRecord:
         Whether the limits were narrowed by the expanded uncertainty; None without limits.
     points_used, residual_rms_mm, duration_s
         Quality of the fit, and the time the measurement took.
+    row_px
+        Largest epipolar residual of a head, pixels; None where none was seen.
+    knock_evidence
+        2 ln of the evidence that a camera or head moved since its calibration; see `WheelMeasurement`.
+    warning
+        What was suspect, for people; None where nothing was.
     """
 
     wheel: str
@@ -198,6 +204,9 @@ class WheelRecord:
     points_used: int | None = None
     residual_rms_mm: float | None = None
     duration_s: float | None = None
+    row_px: float | None = None
+    knock_evidence: float | None = None
+    warning: str | None = None
 
     def __post_init__(self) -> None:
         check_values(self)

@@ -102,6 +102,11 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         points_used=None if found is None else int(found.points_used),
         residual_rms_mm=None if found is None else float(found.residual_rms_mm),
         duration_s=result.duration_s,
+        row_px=None
+        if found is None
+        else max((h.row_px for h in found.heads if h.row_px is not None), default=None),
+        knock_evidence=None if found is None else found.knock_evidence,
+        warning=None if found is None else found.warning,
     )
 
 

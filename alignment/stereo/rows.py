@@ -7,7 +7,7 @@ bends, leans or lifts it. Five numbers hold that field; what is left is the nois
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -26,9 +26,11 @@ TERMS = 5
 """Numbers of a row field: 1, u, v, u·v and v², u and v from −1 to 1 over the left image's width."""
 
 _FARTHEST_ROW = 25.0  # pixels that a partner may be off its row; lines stand farther apart
+_FARTHEST_MM = 3.0  # from the wheel's surface
 _EVERY = 16  # of a head's matched points tells which lines belong together
-_FEWEST = 12  # pairs of crosses that make a field
+_FEWEST = 15  # pairs of crosses that make a field
 _ROUNDS = 3
+_TINY = 1e-9 * np.eye(TERMS)
 _TUKEY = 4.685
 _LEAST_SIGMA_PX = 0.02
 
@@ -40,7 +42,7 @@ class RowFields:
     Attributes
     ----------
     pairs
-        (H,) crosses that both cameras see; a head with fewer than twelve has no field.
+        (H,) crosses that both cameras see; a head with fewer than fifteen has no field.
     rms_px
         (H,) RMS of their row differences, pixels, without those that are wrong; NaN without a field.
     field
@@ -96,6 +98,14 @@ class RowView:
         rectify(np.ascontiguousarray(pixels), self.packed[side], self.turns[side], uv)
         return uv
 
+    def points(self, left: Array, right: Array) -> Array:
+        """(N, 3) points of pairs of rectified places (N, 2), rig frame; NaN for no disparity."""
+        disparity = left[:, 0] - right[:, 0]
+        depth = self.frame.baseline / np.where(disparity > 0.0, disparity, np.nan)
+        rays = np.column_stack([left, np.ones(len(left))])
+        out: Array = self.frame.origin + (rays * depth[:, None]) @ self.frame.rectified_from_rig
+        return out
+
     def terms(self, uv: Array) -> Array:
         """(N, 5) basis of the field at places (N, 2) of the left camera."""
         u, v = ((uv - self.middle) / self.half).T
@@ -113,6 +123,7 @@ def row_fields(
     matched: Sequence[Candidates],
     chosen: NDArray[np.bool_],
     heads: Sequence[HeadCalibration],
+    height: Callable[[Array], Array],
 ) -> RowFields:
     """Row differences of one shot.
 
@@ -129,6 +140,9 @@ def row_fields(
         (N,) which of all heads' candidates lie on the wheel.
     heads
         Their cameras.
+    height
+        Heights (N,) above the wheel's surface of points (N, 3), rig frame, millimetres; crosses far from it
+        are none of the wheel, or no pair.
     """
     offsets = np.cumsum([0, *(len(candidates.points) for candidates in matched)])
     places, differences = [], []
@@ -136,6 +150,8 @@ def row_fields(
         view = row_view(head)
         partners = _line_partners(pair, candidates, np.flatnonzero(chosen[offsets[k] : offsets[k + 1]]))
         left, right = _cross_partners(pair, partners, view)
+        near = np.abs(height(view.points(left, right))) < _FARTHEST_MM
+        left, right = left[near], right[near]
         places.append(view.terms(left))
         differences.append((left[:, 1] - right[:, 1]) * view.focal)
     return fitted_fields(places, differences)
@@ -190,31 +206,34 @@ def fitted_fields(places: Sequence[Array], differences: Sequence[Array]) -> RowF
         (N,) of each head, pixels.
     """
     heads, most = len(places), max(1, *(len(each) for each in differences))
-    terms, values, weight = np.zeros((heads, most, TERMS)), np.zeros((heads, most)), np.zeros((heads, most))
+    terms, values, seen = np.zeros((heads, most, TERMS)), np.zeros((heads, most)), np.zeros((heads, most))
     numbers = np.array([len(each) for each in differences], dtype=np.int64)
-    scale = np.ones(heads)
-    for k in range(heads):
-        n = numbers[k]
-        terms[k, :n], values[k, :n] = places[k], differences[k]
+    for k, n in enumerate(numbers):
         if n >= _FEWEST:
-            rest = np.abs(differences[k] - np.median(differences[k]))
-            scale[k] = max(1.4826 * float(np.median(rest)), _LEAST_SIGMA_PX)
-            weight[k, :n] = rest <= 2.0 * _TUKEY * scale[k]
-    field = np.zeros((heads, TERMS))
-    tiny = 1e-9 * np.eye(TERMS)
+            terms[k, :n], values[k, :n], seen[k, :n] = places[k], differences[k], 1.0
+    middle = _medians(values, seen)[:, None]
+    rest = np.abs(values - middle)
+    scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
+    weight = seen * (rest <= 2.0 * _TUKEY * scale)
+    field, normal = np.zeros((heads, TERMS)), np.zeros((heads, TERMS, TERMS))
     for _ in range(_ROUNDS):
-        weighted = terms * weight[:, :, None]
-        normal = np.einsum("hma,hmb->hab", weighted, terms)
-        field = np.linalg.solve(normal + tiny, np.einsum("hma,hm->ha", weighted, values)[:, :, None])[:, :, 0]
-        rest = np.abs(values - np.einsum("hma,ha->hm", terms, field))
-        for k in range(heads):
-            n = numbers[k]
-            if n >= _FEWEST:
-                scale[k] = max(1.4826 * float(np.median(rest[k, :n])), _LEAST_SIGMA_PX)
-                weight[k, :n] = np.clip(1.0 - (rest[k, :n] / (_TUKEY * scale[k])) ** 2, 0.0, None) ** 2
+        weighted = (terms * weight[:, :, None]).transpose(0, 2, 1)
+        normal = weighted @ terms
+        field = np.linalg.solve(normal + _TINY, weighted @ values[:, :, None])[:, :, 0]
+        rest = np.abs(values - (terms @ field[:, :, None])[:, :, 0])
+        scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
+        weight = seen * np.square(np.maximum(1.0 - np.square(rest / (_TUKEY * scale)), 0.0))
     total = weight.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rms = np.sqrt(np.einsum("hm,hm->h", weight, np.square(values)) / total)
+    squares = (weight * np.square(values)).sum(axis=1)
+    rms = np.sqrt(np.divide(squares, total, out=np.full(heads, np.nan), where=total > 0.0))
     # Five numbers were taken from few pairs, so that these seem quieter than they are.
     freedom = np.maximum(1.0 - TERMS / np.maximum(numbers, TERMS + 1), 0.2)
-    return RowFields(numbers, rms, field, normal * (freedom / scale**2)[:, None, None])
+    return RowFields(numbers, rms, field, normal * (freedom[:, None] / np.square(scale))[:, :, None])
+
+
+def _medians(values: Array, seen: Array) -> Array:
+    """(H,) median over those of (H, N) values that are seen; 0 where none is."""
+    number = seen.sum(axis=1).astype(np.int64)
+    ordered = np.sort(np.where(seen > 0.0, values, np.inf), axis=1)
+    middle: Array = ordered[np.arange(len(values)), number // 2 - (number > 0) * (number % 2 == 0)]
+    return np.where(number > 0, middle, 0.0)

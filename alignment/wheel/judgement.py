@@ -25,7 +25,7 @@ _SKIN_SHIFT_MM = 0.015
 _SYSTEMATIC_PX = 0.03  # what crosses of one shot have in common: the projector's lines, gloss
 _FEWEST_HEADS = 3  # whose patches say more than that two of them meet on some surface
 _NULL = 7e-4  # of an amount's own information, below which amounts are the profile's, which is free
-_STEEP = 4.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
+_STEEP = 8.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
 _SIZES = np.array([1.0, 0.25, 0.0625, 0.016])  # of knocks, in those that `KnockModel` tells of
 SUSPECT, KNOCKED = 0.0, 20.0
 """2 ln of the evidence ratio from which a shot is measured with a warning, and from which it is refused."""
@@ -150,7 +150,9 @@ def _signs(
     of_common = normal @ common
     free = of_common @ np.linalg.pinv(common.T @ of_common, rcond=1e-8, hermitian=True)
     # Along the wheel's axis a patch rises by its shift across the rig's, too.
-    tilted = np.kron(np.eye(heads), _of_wheel(wheel))
+    tilted = np.eye(size)
+    for k in range(0, size, MOVES):
+        tilted[k, k + 3 : k + 5] = -wheel[:2] / wheel[2]
     normal = normal - free @ of_common.T
     values, vectors = np.linalg.eigh(normal)
     real = values > _NULL if heads >= _FEWEST_HEADS else np.zeros(size, dtype=np.bool_)
@@ -173,13 +175,6 @@ def _signs(
     together = np.zeros((MOVES, turn.shape[1]))
     together[:, :size] = free.T * unit @ tilted
     return signs, turn, noise, together
-
-
-def _of_wheel(normal: Array) -> Array:
-    """(5, 5) amounts along the axes of a wheel by those along the rig's; small angles."""
-    out = np.eye(MOVES)
-    out[0, 3:] = -normal[:2] / normal[2]
-    return out
 
 
 def _row_figures(rows: RowFields, model: KnockModel, heads: int) -> tuple[Array, Array]:

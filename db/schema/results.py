@@ -198,6 +198,10 @@ wheel_results = Table(
     Column("points_used", Integer),
     Column("residual_rms_mm", Double),
     Column("duration_s", Double),
+    # Whether the shot fits its calibration; empty in records from before these were judged.
+    Column("row_px", Double),
+    Column("knock_evidence", Double),
+    Column("warning", Text),
     check("wheel_not_empty", "wheel <> ''"),
     check(
         "measured_is_complete",

@@ -85,6 +85,11 @@ def measure(
             f"{result['method']}, {result['points_used']} points, residual "
             f"{result['residual_rms_mm']:.4f} mm, calibration {known.id}, {duration_ms:.0f} ms"
         )
+        rows = [head["row_px"] for head in result["heads"] if head["row_px"] is not None]
+        if rows:
+            typer.echo(f"rows of the cameras differ by at most {max(rows):.3f} px")
+        if result["warning"]:
+            typer.echo(f"warning: {result['warning']}")
     else:
         typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
     if not found:
@@ -110,6 +115,8 @@ def measurement_as_json(
         "residual_rms_mm": None,
         "method": None,
         "heads": None,
+        "knock_evidence": None,
+        "warning": None,
         "duration_ms": duration_ms,
         "calibration_id": calibration_id,
     }
@@ -126,6 +133,8 @@ def measurement_as_json(
         "residual_rms_mm": float(found.residual_rms_mm),
         "method": found.method,
         "heads": [asdict(head) for head in found.heads],
+        "knock_evidence": found.knock_evidence,
+        "warning": found.warning,
     }
 
 

@@ -1,0 +1,14 @@
+"""Whether a wheel's shot fits its calibration: rows of the cameras, evidence of a knock, and a warning."""
+
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0009"
+down_revision = "0006"
+
+
+def upgrade() -> None:
+    """Add columns that older records leave empty; on PostgreSQL the partitions follow their table."""
+    op.add_column("wheel_results", sa.Column("row_px", sa.Double()))
+    op.add_column("wheel_results", sa.Column("knock_evidence", sa.Double()))
+    op.add_column("wheel_results", sa.Column("warning", sa.Text()))
