@@ -12,6 +12,7 @@ from alignment.errors import DegenerateInputError
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+_LEAST_INFORMATION = 0.3  # of the weights; less is no fit
 _TUKEY = 4.685
 
 
@@ -74,5 +75,8 @@ def fit_plane(points: Array, cluster: Index, normal: Array, *, iterations: int =
     gradients = np.column_stack(
         [np.bincount(cluster, weights * residuals * along[:, k], clusters) for k in range(2)]
     )
-    half = gradients @ inverse
+    # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
+    root = np.sqrt(weights)
+    information = float((root * (5.0 * root - 4.0)).sum() / weights.sum())
+    half = gradients @ inverse / max(information, _LEAST_INFORMATION)
     return PlaneFit(axes[2], centroid, weights, residuals, half.T @ half, axes[:2])

@@ -233,3 +233,16 @@ def test_what_is_no_image_is_not_written(tmp_path):
 def test_a_window_of_an_image_is_written_as_it_is_seen(tmp_path):
     write_image(tmp_path / "a.png", GREY16[::2, ::-1])
     assert (read_image(tmp_path / "a.png") == GREY16[::2, ::-1]).all()
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14])
+def test_a_tiff_with_packed_pixels_of_another_depth_is_named(tmp_path, bits):
+    """Read as 16 bit, the values of 12 would fill a sixteenth of the range or be shifted."""
+    width, height = 8, 4
+    rows = bytes(-(-width * bits // 8) * height)
+    entries = [(256, width), (257, height), (258, bits), (259, 1), (262, 1), (273, 8), (277, 1),
+               (278, height), (279, len(rows))]  # fmt: skip
+    table = struct.pack("<H", len(entries)) + b"".join(struct.pack("<HHII", t, 4, 1, v) for t, v in entries)
+    path = tmp_path / "a.tif"
+    path.write_bytes(struct.pack("<2sHI", b"II", 42, 8 + len(rows)) + rows + table + bytes(4))
+    refused(path)

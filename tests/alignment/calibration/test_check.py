@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from alignment.calibration.check import check_with_plate
+from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration
 from sensors.simulation.rigs import RIG_SPECS, build_rig
+from station.studies.covariance import measured_angles
 from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+from tests.rendered import moved
 
 ARCMIN = np.pi / 10800.0
 
@@ -57,6 +60,24 @@ def test_a_moved_camera_is_named_with_what_it_does_to_the_angles() -> None:
     assert max(abs(found.camber_change), abs(found.toe_change)) > 0.3 * ARCMIN
     others = [each for each in found.cameras if each is not worst]
     assert max(each.rms_px for each in others) < 0.01
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_each_angle_changes_by_what_a_wheel_is_measured_otherwise(axis: int) -> None:
+    """All heads turned together, as a bent frame turns them: about x camber changes, about y toe."""
+    calibration = rig()
+    turn = RigidTransform.from_rotvec(3e-4 * np.eye(3)[axis], np.zeros(3))
+    true = moved(calibration, turn)
+    exact = ViewErrors(0.001, 0.0, 0.0, 0.0)
+    views = observe(cameras_of(true), square_plate(), STAGES[:3], np.random.default_rng(8), exact)
+    found = check_with_plate(views.data, calibration)
+    seen = [
+        (head.left.project(points), head.right.project(points))
+        for head, points in ((head, wheel_points(head, NominalWheel())) for head in true.heads)
+    ]
+    expected = np.subtract(measured_angles(true, seen), measured_angles(calibration, seen))
+    assert abs(expected[axis]) == pytest.approx(3e-4, rel=0.02)
+    assert (found.camber_change, found.toe_change) == pytest.approx(tuple(expected), abs=1e-5)
 
 
 def test_views_held_by_hand_find_the_moved_camera_but_not_a_common_turn() -> None:

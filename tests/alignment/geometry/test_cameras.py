@@ -74,3 +74,13 @@ def test_parameters_round_trip_by_name() -> None:
     camera = CameraModel(1280, 1024, 3000, 3010, 640, 512, "brown", tuple(np.arange(8) / 100))
     assert camera.parameter_names[-1] == "k6"
     assert camera.with_parameters(camera.parameters) == camera
+
+
+def test_other_parameters_keep_size_lens_model_and_skew() -> None:
+    camera = CameraModel(1280, 1024, 3000.0, 2990.0, 640.0, 512.0, "brown", (-0.1, 0.0, 0.0, 0.0, 0.0), 1.5)
+    other = camera.with_parameters(camera.parameters + np.arange(9.0))
+    assert (other.width, other.height, other.model, other.skew) == (1280, 1024, "brown", 1.5)
+    assert other.parameters.tolist() == (camera.parameters + np.arange(9.0)).tolist()
+    points = np.array([[30.0, -20.0, 400.0]])
+    same = camera.with_parameters(camera.parameters)
+    assert same.project(points).tolist() == camera.project(points).tolist()

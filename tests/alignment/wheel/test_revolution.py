@@ -151,6 +151,19 @@ def test_a_plane_of_points_gives_its_normal() -> None:
     assert tilt_error(result.normal, true) < 0.05
 
 
+def test_the_stated_covariance_of_a_plane_is_that_of_many_to_a_tenth() -> None:
+    """The slope of the weights was left out: a sixth too little was stated."""
+    rng = np.random.default_rng(6)
+    errors, stated = [], []
+    for _ in range(300):
+        xy = rng.uniform(-300, 300, (400, 2))
+        points = np.column_stack([xy, 0.05 * rng.standard_normal(400)])
+        result = fit_plane(points, np.arange(400), UP)
+        errors.append(result.normal[:2])
+        stated.append(np.trace(result.covariance) / 2.0)
+    assert math.sqrt(np.square(errors).mean() / np.mean(stated)) == pytest.approx(1.0, abs=0.1)
+
+
 def test_points_on_a_line_are_refused() -> None:
     points = np.outer(np.linspace(0, 1, 100), [1.0, 2.0, 3.0])
     with pytest.raises(DegenerateInputError, match="line"):
