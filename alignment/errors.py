@@ -17,6 +17,7 @@
     │   ├── StoreUnavailableError(ConnectionError)
     │   ├── StoreDamagedError               a database that holds what no program stored
     │   └── StoreSchemaError                a database of another schema revision
+    ├── WarmUpError(RuntimeError)           a compiled function that is not there
     └── SeveralErrors(ExceptionGroup)       all failures of one step, reported together
 
 A measurement that failed is not an error: it is a `Refusal` value (see `alignment.values`).
@@ -140,6 +141,13 @@ class StoreDamagedError(StoreError, ValueError):
 
 class StoreSchemaError(StoreError):
     """The database has another schema revision than this program; the message holds the cure."""
+
+
+class WarmUpError(TruewheelError, RuntimeError):
+    """What a measurement needs could not be compiled or loaded.
+
+    Example: ``the function alignment.imaging.ridges.scan_rows was not compiled: …``.
+    """
 
 
 class SeveralErrors(TruewheelError, ExceptionGroup):  # noqa: N818  (the name reads as the group it is)

@@ -10,10 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from station.composition import open_station
-from station.config import read_configuration
+from station.composition import OpenStation, open_station
+from station.config import Configuration, read_configuration
 from station.line.messages import StationState
 from station.ports import CycleReport, Observer
+from station.warm_up.prepare import StoppedError
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
 _LOG = logging.getLogger("truewheel.station")
@@ -49,26 +50,33 @@ def run_station(config: Path, stopping: threading.Event | None = None) -> None:
     Raises
     ------
     TruewheelError
-        When it cannot start; all failures together.
+        When it cannot start; all failures together. Told to end while it starts is none.
     """
     stopping = stopping or threading.Event()
-    with stop_on_signals(stopping):
-        configuration = read_configuration(config)
-        with open_station(configuration, _Log()) as station:
-            settings = configuration.settings
-            _LOG.info(
-                "%s is ready: %d rigs, line %s %s",
-                settings.station.name,
-                len(station.positions),
-                settings.line.interface,
-                settings.line.channel,
-            )
-            station.cycle.serve(stopping)
-            _LOG.info("line at the end: %s", station.line.health)
-            for thread in station.cycle.threads:
-                if not thread.good:
-                    _LOG.warning("at the end: %s", thread)
+    try:
+        with stop_on_signals(stopping):
+            configuration = read_configuration(config)
+            with open_station(configuration, _Log(), stopping) as station:
+                _serve(configuration, station, stopping)
+    except StoppedError:
+        _LOG.info("told to end before it was ready")
     _LOG.info("stopped")
+
+
+def _serve(configuration: Configuration, station: OpenStation, stopping: threading.Event) -> None:
+    settings = configuration.settings
+    _LOG.info(
+        "%s is ready: %d rigs, line %s %s",
+        settings.station.name,
+        len(station.positions),
+        settings.line.interface,
+        settings.line.channel,
+    )
+    station.cycle.serve(stopping)
+    _LOG.info("line at the end: %s", station.line.health)
+    for thread in station.cycle.threads:
+        if not thread.good:
+            _LOG.warning("at the end: %s", thread)
 
 
 @contextmanager

@@ -33,6 +33,7 @@ from station.commands.output import BAD_INPUT, STATION_FAULT, own_config, print_
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
 from station.commands.study import study
+from station.commands.warm_up import warm_up
 from station.commands.zero import zero_app
 
 app = typer.Typer(
@@ -54,6 +55,7 @@ wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
 app.command()(bench)
 app.command()(export)
+app.command()(warm_up)
 app.command()(report)
 app.add_typer(wheel.simulate_app, name="simulate")
 app.add_typer(calibration_app, name="calibration")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
-from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
+from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, WarmUpError
 from alignment.measure import measure_wheel
 from db.background import BackgroundWork
 from db.store import ResultStore
@@ -28,10 +29,12 @@ from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
-from station.line.messages import Mode
+from station.line.messages import LineErrorCode, Mode, StationState, StationStatus
 from station.line.options import LineOptions
 from station.ports import Bounds, Identity, Observer
 from station.storing import describe_station, open_archive, open_store
+from station.warm_up.needs import Work
+from station.warm_up.prepare import warm_up
 from station.wheels import CalibrationInForce, WheelPosition, utc_now
 
 T = TypeVar("T")
@@ -51,16 +54,46 @@ class OpenStation:
     bus: LineBus
 
 
+def works_of(configuration: Configuration) -> tuple[Work, ...]:
+    """Return what a station does that needs compiled functions.
+
+    Cameras other than simulated ones may deliver 8 or 16 bit.
+    """
+    simulated = [rig.simulated is not None for rig in configuration.settings.rigs]
+    works = [Work.MEASURE_8]
+    if not all(simulated):
+        works.append(Work.MEASURE_16)
+    if any(simulated):
+        works.append(Work.WHEEL_IMAGES)
+    return tuple(works)
+
+
 @contextmanager
-def open_station(configuration: Configuration, observer: Observer | None = None) -> Iterator[OpenStation]:
-    """Open cameras, database and line; closed again at the end, whatever happened.
+def open_station(
+    configuration: Configuration,
+    observer: Observer | None = None,
+    stopping: threading.Event | None = None,
+) -> Iterator[OpenStation]:
+    """Open cameras, database and line, and load what a measurement needs; closed again at the end.
+
+    The line says *starting* from the moment it is open until all of it is compiled and loaded.
+
+    Parameters
+    ----------
+    configuration
+        Of the station.
+    observer
+        Watches the cycle.
+    stopping
+        Ends the compiling early.
 
     Raises
     ------
     SeveralErrors
         Everything that failed, together: one look at the message tells all there is to repair.
     TruewheelError
-        The failure, when there is only one.
+        The failure, when there is only one; WarmUpError when something does not compile, StoppedError when
+        `stopping` was set meanwhile.
     """
     settings = configuration.settings
     failures: list[TruewheelError] = []
@@ -88,6 +121,11 @@ def open_station(configuration: Configuration, observer: Observer | None = None)
         assert bus is not None
         whole = tuple(position for position in positions if position is not None)
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
+        try:
+            warm_up(works_of(configuration), stopping=stopping)
+        except WarmUpError:
+            line.publish(StationStatus(StationState.FAULT, LineErrorCode.INTERNAL_FAULT))
+            raise
         images = settings.cycle.image_folder
         archive = open_archive(configuration, store)
         if archive is not None:

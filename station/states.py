@@ -9,6 +9,8 @@ from station.line.messages import StationState
 
 # Every state but FAULT may end in FAULT: by a failure of the station, or by a mistake in the program.
 TRANSITIONS: dict[StationState, frozenset[StationState]] = {
+    # Before there is a cycle the line says so; results of an earlier run may be held at once.
+    StationState.STARTING: frozenset({StationState.IDLE, StationState.REPORTING, StationState.FAULT}),
     # A trigger arrived that can be served.
     StationState.IDLE: frozenset({StationState.ARMED, StationState.FAULT}),
     # Cameras took their settings; an abort or a camera that fails goes on to the record of it.

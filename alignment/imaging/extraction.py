@@ -198,12 +198,14 @@ def _trace(
     Some rows show the lines' course; along those that are worth it every row is looked at.
     """
     probe, box = _probe_of(width)
+    one: Any = np.int64(1)  # a literal would make a function of its own
     weights = ridges.derivative_weights(probe)
     step = _scan_step(width, spacing, along_x, along_y)
     if flat:
         some = ridges.columns_of(image, view, step)
-        table, rows = ridges.scan_rows(some, ridges.whole(some), box, weights, contrast, 1)
-        table[:, Y] *= step
+        table, rows = ridges.scan_rows(some, ridges.whole(some), box, weights, contrast, one)
+        for i in range(table.shape[0]):
+            table[i, Y] *= step
     else:
         table, rows = ridges.scan_rows(image, view, box, weights, contrast, step)
     shortest = max(12.0, 3.4 * width)
@@ -218,7 +220,7 @@ def _trace(
     if not _serves(linked, slope, along_x, along_y, least):
         return linked, starts, slope, False
     if flat:
-        every = ridges.columns_of(image, view, 1)
+        every = ridges.columns_of(image, view, one)
         linked, starts = follow(every, ridges.whole(every), box, weights, contrast, step, linked, starts)
     else:
         linked, starts = follow(image, view, box, weights, contrast, step, linked, starts)
@@ -361,9 +363,15 @@ def _extract(
     counts[:] = 0
     line_starts[0] = 0
     contrast = contrast_of(image, view, bits)
-    some = ridges.columns_of(image, view, _PROBE_STEP)
-    steep_spread, steep_spacing = line_width(image, view, contrast, _PROBE_STEP)
-    flat_spread, flat_spacing = line_width(some, ridges.whole(some), contrast, 1)
+    # Steps and flags as plain numbers: a literal would make a function of its own for each.
+    every: Any = np.int64(1)
+    none: Any = np.int64(0)
+    step: Any = np.int64(_PROBE_STEP)
+    no: Any = np.bool_(False)
+    yes: Any = np.bool_(True)
+    some = ridges.columns_of(image, view, step)
+    steep_spread, steep_spacing = line_width(image, view, contrast, step)
+    flat_spread, flat_spacing = line_width(some, ridges.whole(some), contrast, every)
     if steep_spread == 0.0 and flat_spread == 0.0:
         return
     # A direction without lines is searched as the other is.
@@ -372,10 +380,10 @@ def _extract(
     if flat_spread == 0.0:
         flat_spread = steep_spread
     steep, steep_starts, steep_slope, steep_serves = _trace(
-        image, view, False, steep_spread, steep_spacing, contrast, along[0], along[1], least_sine
+        image, view, no, steep_spread, steep_spacing, contrast, along[0], along[1], least_sine
     )
     flat, flat_starts, flat_slope, flat_serves = _trace(
-        image, view, True, flat_spread, flat_spacing, contrast, along[1], along[0], least_sine
+        image, view, yes, flat_spread, flat_spacing, contrast, along[1], along[0], least_sine
     )
     steep_width, flat_width = _across(steep_spread, steep_slope), _across(flat_spread, flat_slope)
     shape, corner = (view[3] - view[1], view[2] - view[0]), (float(view[0]), float(view[1]))
@@ -387,13 +395,13 @@ def _extract(
     if steep_serves:
         n = _clean(
             steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
-            shape, flat_width, False, points, tangents, noise, 0, line_starts, 0, corner,
+            shape, flat_width, no, points, tangents, noise, none, line_starts, none, corner,
         )  # fmt: skip
     line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
     if flat_serves:
         n = _clean(
             flat, flat_starts, flat_slope, steep, steep_starts, steep_slope, (shape[1], shape[0]),
-            steep_width, True, points, tangents, noise, n, line_starts, steep_lines, corner,
+            steep_width, yes, points, tangents, noise, n, line_starts, steep_lines, corner,
         )  # fmt: skip
     width = 0.5 * (steep_width + flat_width)
     if steep_serves != flat_serves:

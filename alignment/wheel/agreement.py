@@ -48,7 +48,9 @@ def _sums(
     cx, cy, cz = centre[0], centre[1], centre[2]
     f00, f01, f02 = frame[0, 0], frame[0, 1], frame[0, 2]
     f10, f11, f12 = frame[1, 0], frame[1, 1], frame[1, 2]
-    longest = np.diff(bounds).max()
+    longest = 0
+    for h in range(heads):
+        longest = max(longest, bounds[h + 1] - bounds[h])
     move, every_rest, ring = np.ones((MOVES, longest)), np.empty(longest), np.empty(longest, np.int64)
     for h in range(heads):
         n = bounds[h + 1] - bounds[h]

@@ -39,6 +39,12 @@ _HOLD = (0.0, 1e-4, 1e-5)  # weak pull of the angle's terms to zero, relative to
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product of two vectors (3,); numpy's takes seconds to compile."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: int) -> Array:
     """Coefficients (R, 3) of the smoothed log ratio over the angle in each ring; NaN with too few points."""
     moments, right = np.zeros((rings, 2 * _TERMS - 1)), np.zeros((rings, _TERMS))
@@ -90,7 +96,7 @@ def _polar(points: Array, normal: Array, centre: Array) -> tuple[Array, Array, A
         mean[1] += y * unit
         mean[2] += z * unit
     mean /= max(math.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2), 1e-9)
-    side = np.cross(normal, mean)
+    side = _cross(normal, mean)
     for i in range(n):
         across = out_x[i] * side[0] + out_y[i] * side[1] + out_z[i] * side[2]
         ahead = out_x[i] * mean[0] + out_y[i] * mean[1] + out_z[i] * mean[2]
@@ -142,7 +148,7 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
     # outward and of the tangential one is a product with these.
     along, around = np.empty((2, 3)), np.empty((2, 3))
     for line in range(2):
-        along[line], around[line] = axes[:, line], np.cross(axes[:, line], normal)
+        along[line], around[line] = axes[:, line], _cross(axes[:, line], normal)
     for i in range(n):
         g = (radius[i] - start) / _RING - 0.5
         k = min(max(int(g), 1), rings - 3)

@@ -148,8 +148,12 @@ def solve_arrow(corner: Array, side: Array, band: Array, right: Array) -> bool:
     if not _factor_band(band):
         return False
     both = np.empty((knots, AXIS + m))
-    both[:, :AXIS] = side
-    both[:, AXIS:] = right[AXIS:]
+    # Number by number: an assignment of a slice brings numba's whole text of its error message with it.
+    for k in range(knots):
+        for a in range(AXIS):
+            both[k, a] = side[k, a]
+        for c in range(m):
+            both[k, AXIS + c] = right[AXIS + k, c]
     _solve_band(band, both)
     for k in range(knots):
         for a in range(AXIS):

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for
 
 
 def bench(
@@ -20,6 +21,7 @@ def bench(
     """
     from station.benchmark import LEAST_SPEEDUP, MOST_MEMORY_MB, MOST_MS, goals, run
 
+    compiled_for(("measure_8", "wheel_images"), as_json)
     figures = run(repeats)
     met = goals(figures)
     if as_json:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -78,6 +79,7 @@ def calibrate(
     from station.calibrate import CalibrateSettings, Method, calibrate_session
     from station.calibration_check import accept_calibration
 
+    compiled_for(("calibrate",), as_json)
     settings = CalibrateSettings(Method(method.value), None if model is ModelOption.AUTO else model.value)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:

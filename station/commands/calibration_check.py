@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
     from station.calibration_check import Checked
@@ -68,6 +69,7 @@ def check_command(
         master = MasterWheel(math.radians(camber), math.radians(toe))
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
     file = read_calibration_file(calibration)
+    compiled_for(("calibrate",) if master is None else ("measure_8",), as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("check", total=1.0)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
+from station.commands.warm_up import compiled_for
 
 
 def frame_command(
@@ -50,6 +51,7 @@ def frame_command(
     from station.calibration_frame import framed_as_json, keep, place_rigs
 
     require_new(out)
+    compiled_for(("calibrate",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     now = datetime.now(UTC)
@@ -115,6 +117,7 @@ def simulate_gauge_session_command(
     from station.simulation import read_simulation
 
     require_new(out)
+    compiled_for(("plate_images",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
     rigs = simulate_gauge_session(read_simulation(config), gauge, seed)
     write_gauge_session(out, rigs)

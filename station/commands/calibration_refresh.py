@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for
 
 
 def refresh_command(
@@ -51,6 +52,7 @@ def refresh_command(
     from station.config import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
+    compiled_for(("measure_8", "refresh"), as_json)
     done = refresh_file(
         shots, calibration, out, datetime.now(UTC), settings, focal=focal, largest_u95=largest_u95 * ARCMIN
     )

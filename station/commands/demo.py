@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
+from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -47,6 +48,7 @@ def demo(
 
     folder = out or Path("out") / f"demo-{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))
+    compiled_for(("measure_8", "wheel_images"), as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("loading", total=vehicles * len(configuration.settings.rigs))

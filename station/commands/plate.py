@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import JsonFlag, default_config, print_json
+from station.commands.warm_up import compiled_for
 from station.commands.wheel import SideOption
 
 
@@ -33,6 +34,7 @@ def simulate_plate_session_command(
     from station.plate_simulation import simulate_session, write_simulated_session
     from station.simulation import read_simulation
 
+    compiled_for(("plate_images",), as_json)
     path = default_config(plate, "plates/rig.toml" if head is None else "plates/head.toml")
     session, truth, calibration = simulate_session(
         read_simulation(config),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from station.commands.output import print_json
+from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
     from alignment.values import MeasureSettings, Refusal
@@ -24,6 +25,7 @@ def measure_turned_wheel(
     from sensors.formats import read_calibration, read_shot
 
     known = read_calibration(calibration)
+    compiled_for_images(read_shot(shots[0], known).images, as_json, "spin")
     started = time.perf_counter()
     found = measure_spin((read_shot(shot, known).images for shot in shots), known, settings)
     result = spin_as_json(found, shots, radius_mm) | {

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for, compiled_for_images
 
 if TYPE_CHECKING:
     from alignment.values import Refusal, WheelMeasurement
@@ -72,6 +73,7 @@ def measure(
     (shot,) = shots
     known = read_calibration(calibration)
     images = read_shot(shot, known).images
+    compiled_for_images(images, as_json)
     started = time.perf_counter()
     found = measure_wheel(images, known, settings)
     duration_ms = 1000.0 * (time.perf_counter() - started)
@@ -171,6 +173,7 @@ def simulate_wheel_command(
     if not farthest <= 100.0:
         raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
     require_new(out)
+    compiled_for(("wheel_images",), as_json)
     pose = WheelPose(
         camber=math.radians(camber),
         toe=math.radians(toe),

@@ -10,6 +10,7 @@ import typer
 
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
     from db.records import StoredZero, ZeroRecord
@@ -58,7 +59,7 @@ def measure_command(
     from alignment.values import MeasureSettings, Refusal
     from db.records import CalibrationRecord
     from db.store import ResultStore
-    from sensors.formats import read_calibration_file
+    from sensors.formats import read_calibration_file, read_shot
     from station.config import read_configuration
     from station.zero import LARGEST_ZERO, MasterWheel, measure_zero
 
@@ -75,6 +76,8 @@ def measure_command(
         settings = station.measure.settings()
         largest = math.radians(station.zero.largest_arcmin / 60.0)
     file = read_calibration_file(calibration)
+    images = read_shot(shots[0], file.calibration()).images
+    compiled_for_images(images, as_json, *(["spin"] if len(shots) > 1 else []))
     wheel = MasterWheel(master, math.radians(camber), math.radians(toe), math.radians(certified_u95) / 2.0)
     with ResultStore(database) as store:
         found = measure_zero(

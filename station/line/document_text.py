@@ -17,10 +17,11 @@ FOR_PLC_PROGRAMMERS = """
 1. **Send `Command` every 100 ms, always**, with code none while there is nothing to do, and at once when it
    changes. It is your sign of life. Send `Vin1` to `Vin3` with zeros every second between vehicles.
 2. **Power up**: wait until `Status` comes and `CommandAnswer.LinkUp` is yes, and as long as
-   `Status.Handshake` is starting. If `Status.ResultValid` is yes, the station holds results that you have not
-   acknowledged: take them over (6) before anything else. If `Status.Busy` is yes, wait for them. If
-   `Status.Fault` is yes, have repaired what `ErrorCode` says, then send reset with a new number. Otherwise
-   `Ready` comes by itself.
+   `Status.Handshake` is starting: on a new computer the station compiles for a minute or more, sends
+   everything in time and refuses every command with `starting`. If `Status.ResultValid` is yes, the station
+   holds results that you have not acknowledged: take them over (6) before anything else. If `Status.Busy` is
+   yes, wait for them. If `Status.Fault` is yes, have repaired what `ErrorCode` says, then send reset with a
+   new number. Otherwise `Ready` comes by itself.
 3. **Start**: when `Ready` is yes, take the next number, send the three VIN frames with it, and put
    `Command` start with number, type, wheels and mode on the bus. Leave all four there, repeated every 100
    ms, until `CommandAnswer` shows this code and number. The next number is one more than `Status.Sequence`,

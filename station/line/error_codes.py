@@ -122,7 +122,10 @@ MEANINGS: dict[LineErrorCode, Meaning] = {
         Part.LINE, "Results could not be put on the bus.", "Check the station's log, then reset."
     ),
     LineErrorCode.STARTING: Meaning(
-        Part.CYCLE, "The station's program is starting.", "Wait until Status shows Ready."
+        Part.CYCLE,
+        "The station's program is starting: it loads what a measurement needs and, on a new computer, "
+        "compiles it, which takes a minute or more.",
+        "Wait until Status shows Ready; `truewheel warm-up` at the installation makes it short.",
     ),
     LineErrorCode.COMMUNICATION_LOST: Meaning(
         Part.LINE,

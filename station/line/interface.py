@@ -102,7 +102,7 @@ class StationLine:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._vin = VinAssembly(database.vin_messages)
         self._handshake = Handshake()
-        self._status = StationStatus(StationState.FAULT, LineErrorCode.STARTING)
+        self._status = StationStatus(StationState.STARTING, LineErrorCode.STARTING)
         self._trigger: Trigger | None = None
         self._reset_pending = False
         self._results: list[can.Message] = []

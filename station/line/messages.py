@@ -35,7 +35,10 @@ class Outcome(enum.StrEnum):
 
 
 class StationState(enum.StrEnum):
-    """Where the measuring cycle stands; the words of the DBC's value table."""
+    """Where the measuring cycle stands; the words of the DBC's value table.
+
+    STARTING: the program compiles and loads what a measurement needs; there is no cycle yet.
+    """
 
     IDLE = "idle"
     ARMED = "armed"
@@ -45,6 +48,7 @@ class StationState(enum.StrEnum):
     REPORTING = "reporting"
     FAULT = "fault"
     ADJUSTING = "adjusting"
+    STARTING = "starting"
 
 
 class HandshakeState(enum.StrEnum):

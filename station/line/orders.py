@@ -27,6 +27,8 @@ class PlcTimeouts:
     ----------
     connect_s
         For a station that is not there yet.
+    starting_s
+        For a station that is heard and says that it is starting: it may be compiling.
     ready_s, busy_s, done_s, acknowledged_s
         For ready (also after a reset), for the answer to a command, for the results, for the end of
         ResultValid after the acknowledgement.
@@ -35,6 +37,7 @@ class PlcTimeouts:
     """
 
     connect_s: float = 10.0
+    starting_s: float = 600.0
     ready_s: float = 5.0
     busy_s: float = 1.0
     done_s: float = 60.0

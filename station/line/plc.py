@@ -168,7 +168,7 @@ class PlcSimulator:
         self._send_standing()
 
     def connect(self) -> LineStatus:
-        """Wait until the station is heard and hears this controller.
+        """Wait until the station is heard, hears this controller and has started.
 
         Raises
         ------
@@ -178,11 +178,14 @@ class PlcSimulator:
 
         def heard(status: LineStatus) -> bool:
             answer = self.view.answer
-            up = answer is not None and answer.link_up
-            return up and status.handshake is not HandshakeState.STARTING
+            return answer is not None and answer.link_up
+
+        def started(status: LineStatus) -> bool:
+            return heard(status) and status.handshake is not HandshakeState.STARTING
 
         what = "a station that hears the controller"
-        return self.view.wait(what, self._timeouts.connect_s, heard, patient=True)
+        self.view.wait(what, self._timeouts.connect_s, heard, patient=True)
+        return self.view.wait("a station that has started", self._timeouts.starting_s, started, patient=True)
 
     def start_up(self) -> PlcResult | None:
         """What a controller does first: take over results that wait, and reset a station that is not ready.

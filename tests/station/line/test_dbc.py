@@ -288,7 +288,7 @@ def test_delivered_dbc_explains_everything(database: LineDatabase) -> None:
     assert database.timeout_s("Command") == database.timeout_s("Status") == 0.5
     assert database.timeout_s("VehicleResult") is None
     assert database.messages_from("PLC") == ("Vin1", "Vin2", "Vin3", "Command")
-    assert database.interface_version == (2, 0)
+    assert database.interface_version == (2, 1)
     assert set(database.protected) == set(MESSAGES)
     assert len({e2e.data_id for e2e in database.protected.values()}) == len(MESSAGES)
 

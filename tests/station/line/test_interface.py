@@ -180,7 +180,8 @@ def test_before_the_cycle_says_anything_the_station_is_not_ready(database: LineD
     fake = FakeCanBus()
     with LineBus(lambda: fake) as bus:
         line = StationLine(bus, database, Clock())
-        assert line.status.fault
+        assert line.status.state is StationState.STARTING
+        assert not line.status.fault
         assert line.status.error_code is LineErrorCode.STARTING
         assert not line.status.ready
         line.close()
