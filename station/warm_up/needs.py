@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import importlib
 import inspect
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -96,11 +96,6 @@ def load(one: Needed) -> bool:
             "versions of requirements.lock, and report it if that does not help"
         ) from error
     return bool(sum(kernel.stats.cache_misses.values()) > before)
-
-
-def names(some: Sequence[Needed]) -> str:
-    """Return the functions' own names, for a person."""
-    return ", ".join(sorted({one.name.rsplit(".", 1)[1].strip("_") for one in some}))
 
 
 def _kernel(name: str) -> Any:

@@ -138,7 +138,11 @@ def _compile(
         if clock() - logged >= _LOG_EVERY_S:
             logged = clock()
             _LOG.info(
-                "compiled %d of %d functions (%.0f %%)", len(compiled), len(absent), 100 * progress.share
+                "compiled %d of %d functions (%.0f %%), the last was %s",
+                len(compiled),
+                len(absent),
+                100 * progress.share,
+                one.what.name,
             )
         if one.unsaved is not None:
             break
