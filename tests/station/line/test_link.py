@@ -5,6 +5,7 @@ from __future__ import annotations
 import can
 import pytest
 
+from alignment.errors import LineError
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -16,6 +17,7 @@ from station.line.messages import (
     Outcome,
     Prepare,
     Reset,
+    StationInfo,
     StationState,
     StationStatus,
     Stop,
@@ -23,6 +25,7 @@ from station.line.messages import (
     WheelAnswer,
 )
 from station.line.messages import HandshakeState as State
+from station.line.status import detail_frame, info_frame
 from tests.station.line.line_bench import VIN, Bench, command_frame
 
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")
@@ -267,3 +270,24 @@ def test_controller_that_is_heard_again_gets_a_frame_of_each_result_at_once(benc
     assert "VehicleResult" not in dict(bench.messages())
     bench.command("none", 0)
     assert set(bench.database.result_messages) <= set(dict(bench.messages()))
+
+
+def test_results_are_given_once_also_when_the_bus_did_not_take_them_yet(bench: Bench) -> None:
+    bench.start(1)
+    bench.fake.send_error = can.CanOperationError("transmit queue full")
+    bench.line.send_results(1, [ok(wheel) for wheel in FOUR])
+    with pytest.raises(LineError, match="not awaited"):
+        bench.line.send_results(1, [WheelAnswer(wheel, Outcome.FAULT) for wheel in FOUR])
+    bench.fake.send_error = None
+    bench.line.tick()
+    results = [values["Outcome"] for name, values in bench.messages() if name == "VehicleResult"]
+    assert results[-1] == "ok"
+
+
+def test_numbers_beyond_their_signal_stay_at_its_end(bench: Bench) -> None:
+    """ErrorDetail.Count stays at 65535, as the page says; it does not begin anew."""
+    frame = detail_frame(bench.database, LineErrorCode.CAMERA_FAULT, 1, "front_left", 70_000)
+    assert bench.database.decode(frame)["Count"] == 65535
+    info = info_frame(bench.database, StationInfo((2, 0), (300, 256, 255), 9))
+    values = bench.database.decode(info)
+    assert [values[f"Software{part}"] for part in ("Major", "Minor", "Patch")] == [255, 255, 255]
