@@ -6,6 +6,9 @@ import can
 import pytest
 
 from alignment.errors import LineError
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase
+from station.line.link import ProtectedLink
 from station.line.messages import (
     Abort,
     Acknowledge,
@@ -25,8 +28,9 @@ from station.line.messages import (
     WheelAnswer,
 )
 from station.line.messages import HandshakeState as State
+from station.line.protection import Check, Guard
 from station.line.status import detail_frame, info_frame
-from tests.station.line.line_bench import VIN, Bench, command_frame
+from tests.station.line.line_bench import VIN, Bench, Clock, FakeCanBus, command_frame
 
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")
 
@@ -291,3 +295,24 @@ def test_numbers_beyond_their_signal_stay_at_its_end(bench: Bench) -> None:
     info = info_frame(bench.database, StationInfo((2, 0), (300, 256, 255), 9))
     values = bench.database.decode(info)
     assert [values[f"Software{part}"] for part in ("Major", "Minor", "Patch")] == [255, 255, 255]
+
+
+def test_frame_that_is_spoilt_on_purpose_does_not_count(database: LineDatabase) -> None:
+    """What the check of a station sends to see bad frames dropped must be bad."""
+    fake = FakeCanBus()
+    with LineBus(lambda: fake) as bus:
+        link = ProtectedLink(bus, database, Clock())
+        guard = Guard(database.protected)
+        found = []
+        for spoil in (None, None, "crc", None, "counter", None, None):
+            link.send(command_frame(database, "none", 0), spoil)  # type: ignore[arg-type]
+            found.append(guard.check("Command", fake.sent[-1].data))
+    assert found == [
+        Check.INITIAL,
+        Check.OK,
+        Check.WRONG_CRC,
+        Check.SOME_LOST,
+        Check.WRONG_SEQUENCE,
+        Check.SYNC,
+        Check.OK,
+    ]
