@@ -28,7 +28,8 @@ from station.line.messages import (
     WheelAnswer,
 )
 from station.line.messages import HandshakeState as State
-from station.line.protection import Check, Guard
+from station.line.monitor import decode_frame
+from station.line.protection import Check, Guard, Protector
 from station.line.status import detail_frame, info_frame
 from tests.station.line.line_bench import VIN, Bench, Clock, FakeCanBus, command_frame
 
@@ -316,3 +317,28 @@ def test_frame_that_is_spoilt_on_purpose_does_not_count(database: LineDatabase) 
         Check.SYNC,
         Check.OK,
     ]
+
+
+def test_health_counts_each_kind_of_frame_that_did_not_count(database: LineDatabase) -> None:
+    with LineBus(FakeCanBus) as bus:
+        link, protector = ProtectedLink(bus, database, Clock()), Protector(database.protected)
+        frame = command_frame(database, "none", 0)
+        for jump in (1, 1, 0, 7, 1, 1):  # first, good, repeated, jump, in step again, good
+            protector.protect("Command", frame.data, jump)
+            link.read(frame)
+        health = link.health
+        assert (health.good, health.wrong_counter, health.unsettled) == (2, 2, 2)
+        assert (health.wrong_crc, health.malformed) == (0, 0)
+
+
+def test_traffic_that_is_shown_has_its_wrong_crc_and_counter_marked(database: LineDatabase) -> None:
+    frame = command_frame(database, "none", 0)
+    protector, guard = Protector(database.protected), Guard(database.protected)
+    marks = []
+    for jump, flip in ((1, 0), (1, 0), (7, 0), (1, 0), (1, 1)):
+        protector.protect("Command", frame.data, jump)
+        frame.data[0] ^= flip
+        marks.append(decode_frame(frame, database, guard).error)
+    assert marks[:2] == [None, None]
+    assert marks[2] == "end-to-end protection: wrong_sequence"
+    assert marks[4] == "end-to-end protection: wrong_crc"
