@@ -25,7 +25,7 @@ def contradicts(record: CycleRecord, standing: Standing) -> bool:
         return False
     if standing is Standing.ABORTED:
         return record.outcome is not CycleOutcome.ABORTED
-    return record.outcome is not CycleOutcome.FAULT or set(record.verdicts) > {Verdict.NONE}
+    return record.outcome is not CycleOutcome.FAULT or bool(set(record.verdicts) - {Verdict.NONE})
 
 
 def as_told(record: CycleRecord, standing: Standing, why: str) -> CycleRecord:

@@ -354,3 +354,13 @@ def test_cycle_in_which_nothing_was_measured_has_no_time_of_measuring() -> None:
         KIND, evaluate(KIND, [result("front_left", None, measured_utc=None, failure=BROKEN)], 2.0)
     )
     assert (record.measured_utc, record.measured_monotonic_s) == (None, None)
+
+
+@pytest.mark.parametrize("toe", [0.001, 0.1])
+def test_one_wheel_with_a_verdict_contradicts_a_fault_that_was_told_of_all(toe: float) -> None:
+    results = [result("front_left", measurement(toe=toe)), result("front_right", None, failure=REFUSED)]
+    record = recorded(KIND, evaluate(KIND, results, 2.0))
+    assert record.outcome is CycleOutcome.FAULT
+    assert contradicts(record, Standing.NOT_COMMITTED)
+    failed = [result(wheel, None, failure=REFUSED) for wheel in WHEELS]
+    assert not contradicts(recorded(KIND, evaluate(KIND, failed, 2.0)), Standing.NOT_COMMITTED)
