@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from station.line.messages import (
     StationState,
     Stop,
 )
+from station.wheels import WheelPosition
 from tests.station.bench import TODAY, WHEELS, Bench, camera_error, measurement, open_bench
 
 
@@ -152,3 +154,13 @@ def test_shots_of_adjusting_are_counted_to_255_and_from_0_again(bench: Bench) ->
     bench.line.on_live = stop_in_the_second_round
     bench.trigger(wheels=["front_left"], mode=Mode.ADJUST)
     assert [angles.shot for angles, _ in bench.line.live[:258]] == [*range(1, 256), 0, 1, 2]
+
+
+def test_master_without_a_verdict_is_not_within(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = WheelPosition.run
+    monkeypatch.setattr(
+        WheelPosition, "run", lambda self, zeros: replace(run(self, zeros), calibration_valid=False)
+    )
+    bench.trigger(wheels=["front_left"], mode=Mode.MASTER_CHECK)
+    (check,) = bench.store.checks
+    assert check.outcome is CheckOutcome.OUT
