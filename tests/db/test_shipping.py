@@ -191,7 +191,10 @@ def test_a_station_restored_from_an_old_copy_ships_under_a_new_identity(
         after = [cycle() for _ in range(3)]
         for record in after:
             store.write_cycle(record)
-        assert shipper.ship().renewed_origin
+        done = shipper.ship()
+        assert done.renewed_origin
+        # Everything waits again: the calibration and six cycles.
+        assert done.pending == 7
         ship_all(shipper)
     central = open_store(central_url, create=False)
     found = [stored.record.uuid for stored in central.recent_cycles(20)][::-1]
