@@ -19,9 +19,11 @@ from pypdf import PdfReader
 from db.angle_verdicts import AngleVerdict, Side, judge_angle, missed_limit
 from db.exports.rows import AngleRow, angle_rows
 from db.migrate import migrate
+from db.queries import ResultReader
 from db.records import CycleOutcome, StoredCycle, VehicleRecord, Verdict
 from db.store import ResultStore
 from station.evaluation import Evaluation, evaluate
+from station.quality.selection import newest_vin
 from station.records import axle_records, vehicle_record, wheel_records
 from station.vehicle_types import VehicleType
 from station.verdict import Status
@@ -254,3 +256,22 @@ def test_certificate_has_verdict_and_reason_of_each_angle(database: str, run: Ru
         )  # fmt: skip
         assert text.endswith(f" {verdict}"), (name, text)
     assert "front right camber below the limit -1.0000° by 0.2500°" in [" ".join(words) for words in said]
+
+
+def test_newest_vehicle_is_the_one_of_the_wheel_that_was_measured_last(tmp_path: Path) -> None:
+    """The newest vehicle's right wheel was refused, so the newest right wheel is an older vehicle's."""
+    url = f"sqlite:///{tmp_path / 'r.db'}"
+    migrate(url)
+    with ResultStore(url) as store:
+        store.record_calibration(CALIBRATION)
+        for number, names in enumerate((("front_left", "front_right"), ("front_left",)), start=1):
+            time = NOON + timedelta(hours=number)
+            store.write_cycle(
+                cycle(
+                    UUID(int=number), vehicle=VehicleRecord(f"W{number}", "compact"), received_utc=time,
+                    measured_utc=time, wheels=tuple(wheel(name) for name in names), axles=(),
+                    vehicle_angles=None,
+                )
+            )  # fmt: skip
+    with ResultReader(url) as reader:
+        assert newest_vin(reader) == "W2"
