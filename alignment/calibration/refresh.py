@@ -37,6 +37,7 @@ from alignment.calibration.row_equations import (
 )
 from alignment.calibration.suspicion import (
     FEWEST_WHEELS,
+    Explanation,
     contradiction_limit,
     explanations,
     is_whole_head,
@@ -347,19 +348,18 @@ def _suspects(
         When a head may have moved as a whole.
     """
     _covariance(calibration)
-    found, size = [], 1
+    found: list[Explanation] = []
     for k, bases in surfaces.items():
         equations = joined_equations(
             [row_equations(calibration, k, sightings.pairs[k]), wheel_equations(bases, calibration)]
         )
-        size = len(equations.values)
         found += explanations(calibration, k, equations, movement.covariance[:6, :6])
     best = max(found, key=lambda each: each.gain)
     contradiction = best.gain / contradiction_limit(min(map(len, surfaces.values())))
     unseen = np.max([each.unseen for each in found], axis=0)
     if contradiction <= 1.0:
         return contradiction, unseen, []
-    if is_whole_head(found, size, _CLEAR_CAMERA):
+    if is_whole_head(found, len(equations.values), _CLEAR_CAMERA):
         name = calibration.heads[best.head].name
         raise DegenerateInputError(
             field="shots",
