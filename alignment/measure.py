@@ -33,8 +33,8 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
-from alignment.wheel.agreement import head_moves, head_sums
-from alignment.wheel.judgement import KNOCKED, Judgement, judge
+from alignment.wheel.agreement import HeadMoves, head_moves, head_sums
+from alignment.wheel.judgement import KNOCKED, Judgement, judge, unjudged
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
@@ -224,12 +224,14 @@ def _evaluate(
     misfits = moves.misfits()
     limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
     worst = int((misfits - limits).argmax())
+    judgement = _judged(lines, matched, surface, moves, rms, calibration)
     if misfits[worst] > limits[worst]:
-        name = calibration.heads[worst].name
+        # What explains all signs is likelier to blame than the head that is off the most.
+        name = calibration.heads[judgement.head if judgement.knocked else worst].name
         return Refusal(
             RefusalCode.HEAD_MOVED,
-            f"{name} does not fit the other heads: a movement of the whole head explains "
-            f"{1e3 * misfits[worst]:.0f} µm of its residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
+            f"{name} does not fit the other heads: a movement of whole heads explains "
+            f"{1e3 * misfits[worst]:.0f} µm of the residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
             "check that it has not been knocked, and calibrate again",
             name,
         )
@@ -253,14 +255,6 @@ def _evaluate(
     if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
         return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
     by_normal = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation
-    judgement = judge(
-        moves,
-        math.sqrt(misfit.sum() / weights.sum()),
-        row_fields(lines, matched, surface.chosen, calibration.heads, fit.height),
-        knock_model(calibration),
-        fit.normal,
-        by_normal @ fit.tilt_axes.T,
-    )
     if judgement.knocked:
         return _knocked(judgement, calibration)
     turn = by_normal @ tilt_axes.T
@@ -280,6 +274,26 @@ def _evaluate(
         knock_evidence=judgement.evidence,
         warning=_warning(judgement, calibration) if judgement.suspected else None,
     )
+
+
+def _judged(
+    lines: Sequence[tuple[LightLines, LightLines]],
+    matched: list[Candidates],
+    surface: WheelSurface,
+    moves: HeadMoves,
+    rms: float,
+    calibration: RigCalibration,
+) -> Judgement:
+    """Weigh the signs of knocked cameras and mixed pictures."""
+    fit = surface.fit
+    try:
+        model = knock_model(calibration)
+    except DegenerateInputError:  # heads that look elsewhere than at the nominal wheel
+        return unjudged(len(matched))
+    rotation = calibration.vehicle_from_rig.rotation
+    by_normal = camber_toe_jacobian(rotation @ fit.normal, calibration.side) @ rotation
+    rows = row_fields(lines, matched, surface.chosen, calibration.heads, fit.height)
+    return judge(moves, rms, rows, model, fit.normal, by_normal @ fit.tilt_axes.T)
 
 
 def _too_few(

@@ -73,6 +73,12 @@ class Judgement:
         return self.evidence is not None and self.evidence > KNOCKED
 
 
+def unjudged(heads: int) -> Judgement:
+    """Judgement of a shot that shows no signs, or of whose calibration nothing can be predicted."""
+    unknown = np.full(heads, np.nan)
+    return Judgement(None, "", 0, np.zeros(2), np.zeros((2, 2)), unknown, unknown)
+
+
 def judge(
     moves: HeadMoves, rms: float, rows: RowFields, model: KnockModel, normal: Array, angles_by_tilt: Array
 ) -> Judgement:
@@ -97,7 +103,7 @@ def judge(
     signs, turn, noise, common = _signs(moves, rms, rows, heads, normal)
     row_px, row_sigma_px = _row_figures(rows, model, heads)
     if not len(signs):
-        return Judgement(None, "", 0, np.zeros(2), np.zeros((2, 2)), row_px, row_sigma_px)
+        return unjudged(heads)
     spread = noise + turn @ model.covariance @ turn.T
     spread.flat[:: len(spread) + 1] *= 1.0 + 1e-9
     inverse = np.linalg.inv(spread)

@@ -28,6 +28,7 @@ from alignment.values import (
 )
 from sensors.simulation.scene import Obstacle, Sun, WheelScene, cable, draw_pose, draw_scene, lump
 from sensors.simulation.tyre import SHAPES, Material
+from station.studies.mixtures import mixture_row, mixture_table, mixtures
 from station.studies.study import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import (
     ARCMIN,
@@ -265,14 +266,20 @@ def degraded_shot(rig: StudyRig, seed: int, number: int, kind: str | None = None
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
-    return run_shots(QUICK_SHOTS if quick else SHOTS, seed, progress)
-
-
-def run_shots(count: int, seed: int, progress: Progress) -> StudyResult:
-    """Run the study with a number of shots."""
     rig = study_rig("standard", seed)
     progress(0.0, "plate")
     calibration = calibrate_from_plate(rig, seed)
+    result = run_shots(QUICK_SHOTS if quick else SHOTS, rig, calibration, seed, progress)
+    if quick:
+        return result
+    scene, mixed = mixtures(rig, seed)
+    return with_mixtures(result, [mixture_row(k, each, scene, calibration) for k, each in enumerate(mixed)])
+
+
+def run_shots(
+    count: int, rig: StudyRig, calibration: RigCalibration, seed: int, progress: Progress
+) -> StudyResult:
+    """Run the study with a number of shots."""
     rows: list[Row] = []
     for k in range(count):
         progress((k + 1) / (count + 1), f"shot {k + 1} of {count}")
@@ -348,6 +355,22 @@ def summarise(rows: list[Row]) -> StudyResult:
     return StudyResult(
         tuple(rows), figures, tuple(goals), text + "\n".join(lines), {"degraded": _plot(kept, errors, stated)}
     )
+
+
+def with_mixtures(result: StudyResult, rows: list[Row]) -> StudyResult:
+    """Add the table of mixed pictures and its figures."""
+    silent = [row for row in rows if row["outcome"] == "measured"]
+    beyond = sum(float(row["error_over_u"] or 0.0) > SIGMAS for row in rows)
+    figures = result.figures | {
+        "mixtures": float(len(rows)),
+        "mixtures_measured": float(len(silent)),
+        "mixtures_beyond_three_sigma": float(beyond),
+        "largest_mixture_error_arcmin": max(
+            (float(row["largest_error_arcmin"] or 0.0) for row in silent), default=0.0
+        ),
+    }
+    text = f"{result.text}\n\nPictures that do not belong together:\n\n{mixture_table(rows)}"
+    return replace(result, figures=figures, text=text)
 
 
 def _plot(kept: list[Row], errors: Array, stated: Array) -> Figure:
