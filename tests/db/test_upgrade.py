@@ -53,17 +53,22 @@ RECORDS = plant(12)
 EVENT = EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started")
 
 
+def given(record: object) -> dict[str, object]:
+    """Its values; columns that came later are empty, and an earlier table does not have them."""
+    return {name: value for name, value in flat_values(record).items() if value is not None}
+
+
 def put(connection: Connection, number: int, record: CycleRecord) -> None:
     assert record.vehicle is not None
     assert record.vehicle_angles is not None
     stored = {"stored_utc": NOON}
-    connection.execute(vehicles.insert().values(id=number, **flat_values(record.vehicle)))
-    connection.execute(cycles.insert().values(id=number, vehicle_id=number, **flat_values(record), **stored))
+    connection.execute(vehicles.insert().values(id=number, **given(record.vehicle)))
+    connection.execute(cycles.insert().values(id=number, vehicle_id=number, **given(record), **stored))
     for wheel in record.wheels:
-        connection.execute(wheel_results.insert().values(cycle_id=number, **flat_values(wheel)))
+        connection.execute(wheel_results.insert().values(cycle_id=number, **given(wheel)))
     for axle in record.axles:
-        connection.execute(axle_results.insert().values(cycle_id=number, **flat_values(axle)))
-    angles = flat_values(record.vehicle_angles)
+        connection.execute(axle_results.insert().values(cycle_id=number, **given(axle)))
+    angles = given(record.vehicle_angles)
     connection.execute(vehicle_results.insert().values(cycle_id=number, **angles))
 
 
@@ -73,17 +78,15 @@ def fill(url: str, revision: str) -> None:
     stored = {"stored_utc": NOON}
     # There was no chain of hashes yet.
     with patch("db.writing.new_links", return_value=[]), engine.begin() as connection:
-        connection.execute(calibrations.insert().values(**flat_values(CALIBRATION), **stored))
-        connection.execute(events.insert().values(**flat_values(EVENT)))
+        connection.execute(calibrations.insert().values(**given(CALIBRATION), **stored))
+        connection.execute(events.insert().values(**given(EVENT)))
         for number, record in enumerate(RECORDS, 1):
             put(connection, number, record)
         if revision >= "0002":
-            connection.execute(calibration_checks.insert().values(**flat_values(check()), **stored))
+            connection.execute(calibration_checks.insert().values(**given(check()), **stored))
         if revision >= "0003":
-            # The reason of a forced one came later.
-            values = {key: value for key, value in flat_values(zero()).items() if key != "forced_reason"}
-            connection.execute(zero_measurements.insert().values(**values, **stored))
-            connection.execute(zero_revocations.insert().values(**flat_values(revocation()), **stored))
+            connection.execute(zero_measurements.insert().values(**given(zero()), **stored))
+            connection.execute(zero_revocations.insert().values(**given(revocation()), **stored))
         if revision >= "0004":
             planned, kept = study(), shot(RECORDS[0].uuid)
             for item in (
