@@ -126,7 +126,13 @@ def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revis
     engine.dispose()
     # What came before the chain is counted, what came after is covered. The cycles above are in no outbox.
     found = check_database(empty_database_url, days=None).findings
-    assert [finding for finding in found if "are in the outbox" not in finding] == []
+    found = tuple(finding for finding in found if "are in the outbox" not in finding)
+    if revision >= "0007":
+        # `fill` stands for the program of then and makes no links, which is seen.
+        assert found
+        assert all(finding.endswith("was put in past the program") for finding in found)
+    else:
+        assert found == ()
     with pytest.raises(StoreSchemaError, match="would drop stored results"):
         migrate(empty_database_url, revision)
 
