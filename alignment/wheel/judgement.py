@@ -26,8 +26,9 @@ _SYSTEMATIC_PX = 0.03  # what crosses of one shot have in common: the projector'
 _FEWEST_HEADS = 3  # whose patches say more than that two of them meet on some surface
 _NULL = 7e-4  # of an amount's own information, below which amounts are the profile's, which is free
 _STEEP = 8.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
+_CLEAR = 14.0  # squared deviations that a movement must explain: where little is seen, evidence is even
 _SIZES = np.array([1.0, 0.25, 0.0625, 0.016])  # of knocks, in those that `KnockModel` tells of
-SUSPECT, KNOCKED = 0.0, 20.0
+SUSPECT, KNOCKED = -2.0, 20.0
 """2 ln of the evidence ratio from which a shot is measured with a warning, and from which it is refused."""
 
 
@@ -40,6 +41,8 @@ class Judgement:
     evidence
         2 ln of the evidence that something moved over that nothing did, all possibilities
         together; None without signs.
+    suspected
+        Whether it is to be told.
     suspect
         The camera or head whose movement explains the signs best.
     head
@@ -55,17 +58,13 @@ class Judgement:
     """
 
     evidence: float | None
+    suspected: bool
     suspect: str
     head: int
     angles: Array
     covariance: Array
     row_px: Array
     row_sigma_px: Array
-
-    @property
-    def suspected(self) -> bool:
-        """Whether it is to be told."""
-        return self.evidence is not None and self.evidence > SUSPECT
 
     @property
     def knocked(self) -> bool:
@@ -76,7 +75,7 @@ class Judgement:
 def unjudged(heads: int) -> Judgement:
     """Judgement of a shot that shows no signs, or of whose calibration nothing can be predicted."""
     unknown = np.full(heads, np.nan)
-    return Judgement(None, "", 0, np.zeros(2), np.zeros((2, 2)), unknown, unknown)
+    return Judgement(None, False, "", 0, np.zeros(2), np.zeros((2, 2)), unknown, unknown)
 
 
 def judge(
@@ -119,19 +118,24 @@ def judge(
     kept = square / (1.0 + square * strength)
     evidence = (kept * pull**2 - np.log1p(square * strength)).sum(axis=2)
     errors = np.einsum("kea,kab,ksb->kse", angles, axes, kept * pull)
+    explained = float((kept * pull**2).sum(axis=2).max())
     ratio = np.exp(np.minimum(0.5 * evidence, 300.0)) / evidence.size
     total = float(ratio.sum())
     share = ratio / total
     turned = angles @ axes
     sizes = np.einsum("ks,kse,ksf->ef", share, errors, errors)
     twice_ln = 2.0 * float(np.log(total))
-    believed = 1.0 / (1.0 + np.exp(-np.clip(0.5 * _STEEP * (twice_ln - SUSPECT), -300.0, 300.0)))
+    suspected = twice_ln > SUSPECT and explained > _CLEAR
+    believed = (explained > _CLEAR) / (
+        1.0 + np.exp(-np.clip(0.5 * _STEEP * (twice_ln - SUSPECT), -300.0, 300.0))
+    )
     best = int(share.sum(axis=1).argmax())
     covariance = believed * sizes
-    if twice_ln > SUSPECT:  # how well a size is known counts where it is taken for real
+    if suspected:  # how well a size is known counts where it is taken for real
         covariance += believed * np.einsum("ks,ksb,keb,kfb->ef", share, kept, turned, turned)
     return Judgement(
         evidence=twice_ln,
+        suspected=suspected,
         suspect=model.knocks[best].name,
         head=model.knocks[best].head,
         angles=np.einsum("s,se->e", share[best], errors[best]) / share[best].sum(),

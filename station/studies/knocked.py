@@ -187,8 +187,8 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
             continue
         intact = np.array([result.camber, result.toe])
         for k in range(n * knocks // rigs, (n + 1) * knocks // rigs):
-            # Every wheel meets every kind.
-            kind = KINDS[(k + n // wheels) % len(KINDS)]
+            # Every wheel meets every kind, a single one in their order.
+            kind = KINDS[(k + (n // wheels if wheels > 1 else 0)) % len(KINDS)]
             least, most = (np.array(TURN_ARCMIN) * ARCMIN) if kind.turns else SHIFT_MM
             size = float(np.exp(rng.uniform(math.log(least), math.log(most))) * rng.choice([-1.0, 1.0]))
             head, side = int(rng.integers(len(known.heads))), int(rng.integers(2))
