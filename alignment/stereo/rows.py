@@ -215,11 +215,14 @@ def fitted_fields(places: Sequence[Array], differences: Sequence[Array]) -> RowF
     rest = np.abs(values - middle)
     scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
     weight = seen * (rest <= 2.0 * _TUKEY * scale)
-    field, normal = np.zeros((heads, TERMS)), np.zeros((heads, TERMS, TERMS))
+    field: Array = np.zeros((heads, TERMS))
+    normal: Array = np.zeros((heads, TERMS, TERMS))
     for _ in range(_ROUNDS):
         weighted = (terms * weight[:, :, None]).transpose(0, 2, 1)
         normal = weighted @ terms
-        field = np.linalg.solve(normal + _TINY, weighted @ values[:, :, None])[:, :, 0]
+        field = np.asarray(
+            np.linalg.solve(normal + _TINY, weighted @ values[:, :, None])[:, :, 0], dtype=float
+        )
         rest = np.abs(values - (terms @ field[:, :, None])[:, :, 0])
         scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
         weight = seen * np.square(np.maximum(1.0 - np.square(rest / (_TUKEY * scale)), 0.0))

@@ -178,7 +178,7 @@ def _signs(
     turn[:n, :size] = of_amounts
     noise[:n, :n] = np.eye(n) + (of_amounts * skin) @ of_amounts.T
     signs = np.concatenate([patches, rows.field[seen].ravel()])
-    for number, k in enumerate(seen):
+    for number, k in enumerate(map(int, seen)):
         at = slice(n + TERMS * number, n + TERMS * (number + 1))
         turn[at, size + TERMS * k : size + TERMS * (k + 1)] = np.eye(TERMS)
         noise[at, at] = np.linalg.inv(rows.information[k]) + _SYSTEMATIC_PX**2 * np.eye(TERMS)
@@ -189,7 +189,7 @@ def _signs(
 
 def _row_figures(rows: RowFields, model: KnockModel, heads: int) -> tuple[Array, Array]:
     figures, deviations = np.full(heads, np.nan), np.full(heads, np.nan)
-    for k in np.flatnonzero(rows.seen):
+    for k in map(int, np.flatnonzero(rows.seen)):
         weight = model.row_weights[k]
         at = slice(MOVES * heads + TERMS * k, MOVES * heads + TERMS * (k + 1))
         allowed = np.linalg.inv(rows.information[k]) + model.covariance[at, at]

@@ -361,7 +361,8 @@ def with_mixtures(result: StudyResult, rows: list[Row]) -> StudyResult:
     """Add the table of mixed pictures and its figures."""
     silent = [row for row in rows if row["outcome"] == "measured"]
     beyond = sum(float(row["error_over_u"] or 0.0) > SIGMAS for row in rows)
-    figures = result.figures | {
+    figures = {
+        **result.figures,
         "mixtures": float(len(rows)),
         "mixtures_measured": float(len(silent)),
         "mixtures_beyond_three_sigma": float(beyond),

@@ -140,7 +140,7 @@ def _row(
     result: WheelMeasurement | Refusal,
     intact: Array | None,
 ) -> Row:
-    row: Row = {
+    row: dict[str, str | float | int | None] = {
         "rig": number,
         "preset": wheel.preset,
         "tyre": wheel.tyre,

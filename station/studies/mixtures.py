@@ -102,8 +102,7 @@ def _doubled(now: Shot, old: Shot, heads: tuple[int, ...]) -> Shot:
 
     def both(new: Image, before: Image) -> Image:
         mean = 0.5 * (new.astype(np.float64) + before)
-        out: Image = mean.astype(new.dtype)
-        return out
+        return mean.astype(np.uint8) if new.dtype == np.uint8 else mean.astype(np.uint16)
 
     return [
         StereoImages(both(a.left, b.left), both(a.right, b.right)) if k in heads else a
@@ -155,10 +154,11 @@ def mixture_row(number: int, mixture: Mixture, scene: WheelScene, calibration: R
         "evidence": None,
     }
     if not isinstance(result, WheelMeasurement):
-        return row | {"reason": str(result.code)}
+        return {**row, "reason": str(result.code)}
     errors = np.abs(errors_arcmin(result, scene))
     stated = np.array([result.camber_u, result.toe_u]) / ARCMIN
-    return row | {
+    return {
+        **row,
         "outcome": "measured" if result.warning is None else "warned",
         "largest_error_arcmin": float(errors.max()),
         "stated_u_arcmin": float(stated[int((errors / stated).argmax())]),
