@@ -256,7 +256,7 @@ class WheelMeasurement:
         True when a head was lost and the others measured alone.
     knock_evidence
         2 ln of the evidence that a camera or head moved since its calibration, or that pictures are mixed,
-        over that nothing did: about −5 on an intact rig, above −2 suspect, above 20 refused; None where it
+        over that nothing did: about −5 on an intact rig, above 2.5 suspect, above 20 refused; None where it
         was not judged.
     warning
         What is suspect, in words, and what to do; None where nothing is. The uncertainty then covers it.

@@ -28,7 +28,7 @@ _NULL = 7e-4  # of an amount's own information, below which amounts are the prof
 _STEEP = 8.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
 _CLEAR = 14.0  # squared deviations that a movement must explain: where little is seen, evidence is even
 _SIZES = np.array([1.0, 0.25, 0.0625, 0.016])  # of knocks, in those that `KnockModel` tells of
-SUSPECT, KNOCKED = -2.0, 20.0
+SUSPECT, KNOCKED = 2.5, 20.0
 """2 ln of the evidence ratio from which a shot is measured with a warning, and from which it is refused."""
 
 
