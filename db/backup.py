@@ -13,7 +13,7 @@ from uuid import uuid4
 
 from sqlalchemy import URL, inspect
 
-from alignment.errors import FormatError, StoreError, StoreUnavailableError
+from alignment.errors import FormatError, StoreDamagedError, StoreError, StoreUnavailableError
 from alignment.file_limits import BACKUP, WANTED_CURE, unfit_kind, unfit_size
 from db.engine import describe, make_engine, parse_url
 from db.failures import store_errors
@@ -135,7 +135,8 @@ def _copy_sqlite(source: Path, target: Path) -> None:
     except sqlite3.Error as error:
         raise StoreError(f"database sqlite:///{source} cannot be copied ({error})") from error
     if found != "ok":
-        raise StoreError(f"database sqlite:///{source} is damaged: {found}. Restore an older backup")
+        seen = " ".join(str(found).split())
+        raise StoreDamagedError(f"database sqlite:///{source} is damaged: {seen}. Restore an older backup")
 
 
 def _require_empty(url: URL) -> None:

@@ -133,7 +133,7 @@ def _count(connection: Connection, table: Table) -> int:
 def _file(connection: Connection) -> Iterator[str]:
     for row in connection.exec_driver_sql("PRAGMA integrity_check(5)"):
         if row[0] != "ok":
-            yield f"the file is damaged: {row[0]}"
+            yield f"the file is damaged: {' '.join(str(row[0]).split())}"
     for row in connection.exec_driver_sql("PRAGMA foreign_key_check").fetchmany(5):
         yield f"table {row[0]}, row {row[1]} refers to a row of {row[2]} that is not there"
 

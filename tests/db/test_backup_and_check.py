@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import psycopg
@@ -21,7 +22,7 @@ from db.store import ResultStore
 from db.sums import bring_up_to_date
 from station.cli import app
 from tests.db.example_plant import plant
-from tests.db.example_records import CALIBRATION, cycle
+from tests.db.example_records import CALIBRATION, cycle, study, study_value
 
 
 @pytest.fixture
@@ -159,3 +160,64 @@ def test_the_commands_say_what_they_did(tmp_path: Path, open_store: Callable[...
     done = runner.invoke(app, ["db", "check", "--database", f"{url}2"])
     assert done.exit_code == 0
     assert "nothing is wrong" in done.stdout
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """An SQLite file with three cycles and a gauge study, closed."""
+    path = tmp_path / "results.db"
+    with ResultStore(f"sqlite:///{path}", create=True) as store:
+        store.record_calibration(CALIBRATION)
+        for _ in range(3):
+            store.write_cycle(cycle())
+        planned = study()
+        store.plan_study(planned)
+        store.record_study_values([study_value(planned.uuid)])
+    return path
+
+
+def test_a_damaged_file_is_no_backup(file: Path, tmp_path: Path) -> None:
+    """A copy is taken page by page, so that it is sound must be looked at; an index that lost its entries."""
+    with closing(sqlite3.connect(file)) as connection:
+        query = "SELECT rootpage FROM sqlite_master WHERE name = 'ix_cycles_vehicle_id'"
+        (page,) = connection.execute(query).fetchone()
+    content = bytearray(file.read_bytes())
+    # The number of entries of the index's only page.
+    content[(page - 1) * 4096 + 3 : (page - 1) * 4096 + 5] = bytes(2)
+    file.write_bytes(content)
+    with pytest.raises(StoreError, match=r"is damaged.*Restore an older backup"):
+        backup(f"sqlite:///{file}", tmp_path / "copy.db")
+    with pytest.raises(StoreError, match=r"is damaged"):
+        restore(file, f"sqlite:///{tmp_path / 'again.db'}")
+    assert {path.name for path in tmp_path.iterdir()} <= {file.name, f"{file.name}-wal", f"{file.name}-shm"}
+    assert any("the file is damaged" in finding for finding in check_database(f"sqlite:///{file}").findings)
+
+
+def test_a_restored_file_has_everything_to_ship_again(file: Path, tmp_path: Path) -> None:
+    with closing(sqlite3.connect(file)) as connection, connection:
+        (before,) = connection.execute("SELECT origin FROM shipments").fetchone()
+        connection.execute("UPDATE shipments SET shipped_sequence = 6")
+    backup(f"sqlite:///{file}", tmp_path / "copy.db")
+    again = f"sqlite:///{tmp_path / 'again.db'}"
+    restore(tmp_path / "copy.db", again)
+    assert check_database(again).pending == 6
+    with closing(sqlite3.connect(tmp_path / "again.db")) as connection:
+        assert connection.execute("SELECT origin FROM shipments").fetchone() != (before,)
+
+
+@pytest.mark.parametrize(
+    ("statement", "seen"),
+    [
+        ("UPDATE shipments SET shipped_sequence = 99", "99 records are called shipped, the outbox has 6"),
+        ("DELETE FROM gauge_studies", "table gauge_values, row 1 refers to a row of gauge_studies"),
+        ("DELETE FROM outbox WHERE sequence = 3", "the outbox holds 5 entries and counts up to 6"),
+        ("DELETE FROM gauge_values", "the outbox names the study_value"),
+    ],
+)
+def test_what_does_not_fit_together_in_a_file_is_found(file: Path, statement: str, seen: str) -> None:
+    with closing(sqlite3.connect(file)) as connection, connection:
+        for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+            connection.execute(f"DROP TRIGGER {name}")
+        connection.execute(statement)
+    found = check_database(f"sqlite:///{file}").findings
+    assert any(finding.startswith(seen) for finding in found), found
