@@ -25,6 +25,7 @@ from station.line.dbc import LineDatabase, Value
 from station.line.protection import Guard
 
 # What python-can's readers raise on files that are not what they claim to be.
+_LONGEST_LINE = 65_536
 _DAMAGED = (ValueError, IndexError, EOFError, struct.error, zlib.error, can.CanError, BLFParseError)
 
 
@@ -124,9 +125,25 @@ def _reader(file: Path, binary: BinaryIO) -> Iterable[can.Message]:
         case ".blf":
             return can.BLFReader(binary)
         case ".asc":
-            return can.ASCReader(io.TextIOWrapper(binary, encoding="utf-8"))
+            return can.ASCReader(_Lines(binary, encoding="utf-8"))
         case _:
-            return can.CanutilsLogReader(io.TextIOWrapper(binary, encoding="utf-8"))
+            return can.CanutilsLogReader(_Lines(binary, encoding="utf-8"))
+
+
+class _Lines(io.TextIOWrapper):
+    """Lines of a log, none longer than any log has: a file of zeros is one line without an end."""
+
+    def readline(self, size: int = -1, /) -> str:
+        line = super().readline(_LONGEST_LINE if size < 0 else min(size, _LONGEST_LINE))
+        if len(line) == _LONGEST_LINE or "\0" in line:
+            what = "bytes of zero" if "\0" in line else f"a line of {_LONGEST_LINE} characters and more"
+            raise ValueError(f"{what}, which no log has,")
+        return line
+
+    def __next__(self) -> str:
+        if line := self.readline():
+            return line
+        raise StopIteration
 
 
 def live_frames(

@@ -47,7 +47,7 @@ def test_numbers_are_short(database: LineDatabase) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("absent.log", None, "readable log"),
+        ("absent.log", None, "no such file"),
         ("traffic.xlsx", b"", "log ending in"),
         ("damaged.log", b"(1.0) can0 110#0000000000000000\n(x) can0 11", "after 1 frames"),
         ("damaged.blf", b"LOGGnonsense", "valid log"),
@@ -64,6 +64,24 @@ def test_damaged_log(
     with pytest.raises(FormatError, match=expected) as caught:
         list(decode_log(file, database))
     assert str(file) in str(caught.value)
+
+
+@pytest.mark.parametrize("ending", [".log", ".asc"])
+@pytest.mark.parametrize("hole", ["whole", "within", "letters"])
+def test_a_line_without_an_end_is_not_read_into_memory(
+    tmp_path: Path, database: LineDatabase, ending: str, hole: str
+) -> None:
+    """A log of 20 GB of nothing was read for minutes, as one line, into memory."""
+    log = tmp_path / f"traffic{ending}"
+    start = b"(1.0) can0 110#0000000000000000\n" if ending == ".log" else b"date Mon Nov 30 08:00:00 2026\n"
+    with log.open("wb") as binary:
+        if hole == "letters":
+            binary.write(start + b"a" * 200_000)
+        else:
+            binary.write(start if hole == "within" else b"")
+            binary.truncate(20 * 10**9)
+    with pytest.raises(FormatError, match="which no log has"):
+        list(decode_log(log, database))
 
 
 def test_live_traffic_for_a_bounded_time(
