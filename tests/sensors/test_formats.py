@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from alignment.errors import ConfigurationError, FormatError
+from alignment.geometry.cameras import PosedCamera
 from sensors.formats import (
     SCHEMAS,
     WheelTruth,
@@ -35,6 +36,7 @@ from tests.sensors.samples import HEIGHT, TIME, WIDTH, calibration, shot
 
 TRUTH = WheelTruth("right", 42, -1.2, 0.3, -1.25, 1 / 3, 77.0, 0.4, 300.0, (1.0, -2.5, 1 / 7))
 HEADS = ("head_1", "head_2", "head_3")
+NUMBERS_OF_LENS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
 @pytest.fixture
@@ -96,6 +98,25 @@ def test_a_calibration_reads_back_to_the_last_bit(calibration_file):
             assert x.model == y.model
             assert (x.rig_from_camera.rotation == y.rig_from_camera.rotation).all()
             assert (x.rig_from_camera.translation == y.rig_from_camera.translation).all()
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_every_number_of_a_lens_is_in_the_file(tmp_path, side):
+    """Skewed pixels came back square: no other number of a lens may be left at its default either."""
+    bare = calibration(covariance=False)
+    head = bare.heads[1]
+    camera = getattr(head, side)
+    lens = replace(
+        camera.model, skew=0.75, **{name: getattr(camera.model, name) + 1 for name in NUMBERS_OF_LENS}
+    )
+    skewed = replace(head, **{side: PosedCamera(lens, camera.rig_from_camera)})
+    wrote = replace(bare, heads=(bare.heads[0], skewed, bare.heads[2]))
+    write_calibration(tmp_path / "c.json", wrote, method="plate", created_utc=TIME)
+    read = getattr(read_calibration(tmp_path / "c.json").heads[1], side)
+    assert read.model == lens
+    points = np.array([[20.0, 30.0, 400.0], [-50.0, 10.0, 500.0]])
+    assert (read.model.project(points) == lens.project(points)).all()
+    assert np.abs(read.model.project(points) - replace(lens, skew=0.0).project(points)).max() > 0.01
 
 
 def test_a_measured_pose_of_the_rig_has_its_rows_in_the_covariance(tmp_path):
@@ -429,6 +450,26 @@ def test_a_shot_of_another_size_names_the_image(tmp_path):
         "30 × 40",
     )
     assert read_shot(tmp_path / "turned").images[0].left.shape == (WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("head", [0, 2])
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(
+    ("width", "height"), [(WIDTH, HEIGHT + 1), (WIDTH, HEIGHT - 1), (WIDTH + 1, HEIGHT), (WIDTH - 1, HEIGHT)]
+)
+def test_one_row_or_column_of_one_image_makes_another_size(tmp_path, head, side, width, height):
+    """Heights were not looked at, so that a cropped image of the right width was measured."""
+    whole = shot()
+    frame = getattr(whole.heads[head], side)
+    cut = replace(frame, image=np.zeros((height, width), np.uint8))
+    heads = list(whole.heads)
+    heads[head] = replace(heads[head], **{side: cut})
+    wrong = replace(whole, heads=tuple(heads))
+    sizes = f"expected an image of {WIDTH} × {HEIGHT} pixels", f"found {width} × {height}"
+    error = refused(lambda: check_shot_matches(wrong, calibration()), *sizes)
+    assert error.field == f"{HEADS[head]}.{side}"
+    write_shot(tmp_path / "s", wrong)
+    refused(lambda: read_shot(tmp_path / "s", calibration()), f"{HEADS[head]}_{side}.png", *sizes)
 
 
 def test_a_shot_that_matches_passes(shot_folder):

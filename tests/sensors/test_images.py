@@ -14,7 +14,7 @@ from PIL import TiffImagePlugin
 
 from alignment.errors import FormatError
 from sensors.formats import read_image, write_image
-from sensors.formats.images import encode_image
+from sensors.formats.images import LARGEST_SIDE, encode_image
 
 GREY8 = np.random.default_rng(1).integers(0, 256, (30, 40), dtype=np.uint8)
 GREY16 = np.random.default_rng(2).integers(0, 65536, (30, 40), dtype=np.uint16)
@@ -214,6 +214,19 @@ def test_a_png_that_claims_an_enormous_size_is_refused_without_the_memory(tmp_pa
     )
     (tmp_path / "a.png").write_bytes(content)
     refused(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("upright", [False, True])
+def test_the_longer_side_of_an_image_is_bounded(tmp_path, suffix, upright):
+    """Of an image that is long and narrow, only the shorter side was looked at."""
+    for length, is_read in ((LARGEST_SIDE, True), (LARGEST_SIDE + 1, False)):
+        shape = (length, 2) if upright else (2, length)
+        path = saved(tmp_path / f"{length}.{suffix}", Pillow.fromarray(np.zeros(shape, np.uint8)))
+        if is_read:
+            assert read_image(path).shape == shape
+        else:
+            refused(path, f"at most {LARGEST_SIDE} pixels on a side", f"{shape[1]} × {shape[0]}")
 
 
 def test_what_is_no_image_is_not_written(tmp_path):

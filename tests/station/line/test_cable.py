@@ -6,6 +6,7 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import can
@@ -87,6 +88,17 @@ def test_channel_in_use_is_said_so(cable: Cable) -> None:
         open_bus(cable.settings(0))
     with open_bus(cable.settings(0)) as again:
         assert again.health.connected
+
+
+def test_device_is_free_again_after_an_open_that_failed(cable: Cable) -> None:
+    """With a bit rate that the adapter does not have, the device stayed locked for who corrected it."""
+    settings = cable.settings(0)
+    wrong = Channel(replace(settings, bitrate=123))
+    for _ in range(2):
+        with pytest.raises(ConfigurationError, match="bitrate"):
+            wrong()
+    with open_bus(settings) as bus:
+        assert bus.health.connected
 
 
 def test_adapter_that_is_pulled_out_comes_back_without_a_restart(
@@ -178,6 +190,21 @@ def test_bus_off_of_socketcan_is_an_error_frame() -> None:
         wait_until(lambda: len(opened) == 2 and bus.health.connected)
         assert bus.health.losses == 1
         assert bus.health.error_frames == 1
+
+
+@pytest.mark.parametrize("kind", [0x01, 0x02, 0x04, 0x20, 0x80, 0x100, 0x200])
+def test_error_frame_that_is_no_bus_off_does_not_lose_the_bus(kind: int) -> None:
+    """Of socketcan: lost arbitration, a full queue, a bus error, a controller that restarted: all pass."""
+    heard: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
+    frames = iter([can.Message(arbitration_id=kind, is_error_frame=True, dlc=8, data=bytes(8)), frame(7)])
+    fake = FakeCanBus()
+    with LineBus(lambda: fake) as bus:
+        bus.listen(heard.put)
+        fake.receive = lambda: next(frames, None)
+        assert heard.get(timeout=WAIT_S).is_error_frame
+        assert heard.get(timeout=WAIT_S).data[0] == 7
+        assert (bus.health.error_frames, bus.health.losses) == (1, 0)
+        assert bus.health.connected
 
 
 def test_adapter_that_stays_away_is_tried_again_and_again() -> None:

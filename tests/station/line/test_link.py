@@ -14,6 +14,7 @@ from station.line.messages import (
     Acknowledge,
     Answer,
     LineErrorCode,
+    LineStatus,
     LiveAngles,
     LiveState,
     Mode,
@@ -30,9 +31,21 @@ from station.line.messages import (
 from station.line.messages import HandshakeState as State
 from station.line.monitor import decode_frame
 from station.line.protection import Check, Guard, Protector
-from station.line.status import detail_frame, info_frame
+from station.line.station_view import StationView
+from station.line.status import detail_frame, info_frame, status_frame
 from tests.station.line.line_bench import VIN, Bench, Clock, FakeCanBus, command_frame
 
+IDLE = LineStatus(
+    StationState.IDLE,
+    sequence=0,
+    ready=True,
+    busy=False,
+    done=False,
+    fault=False,
+    alive_counter=0,
+    error_code=LineErrorCode.NONE,
+    error_sequence=0,
+)
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")
 
 
@@ -329,6 +342,33 @@ def test_health_counts_each_kind_of_frame_that_did_not_count(database: LineDatab
         health = link.health
         assert (health.good, health.wrong_counter, health.unsettled) == (2, 2, 2)
         assert (health.wrong_crc, health.malformed) == (0, 0)
+
+
+def test_what_was_heard_is_forgotten_with_a_lost_communication(database: LineDatabase) -> None:
+    """A controller's program looks more often than frames come. It would lose the station at each look,
+    and never hear the second frame of it, which counts."""
+    clock, protector = Clock(), Protector(database.protected)
+    frame = status_frame(database, IDLE)
+    with LineBus(FakeCanBus) as bus:
+        link = ProtectedLink(bus, database, clock)
+        view = StationView(link, clock)
+
+        def receive() -> None:
+            protector.protect("Status", frame.data)
+            view.receive(frame)
+
+        receive()
+        receive()
+        assert view.status is not None
+        assert link.heard_s("Status") == clock.now
+        clock.now += 1.0
+        assert view.lose_when_silent(0.5)
+        assert view.status is None
+        assert link.heard_s("Status") is None
+        for _ in range(2):
+            assert not view.lose_when_silent(0.5)
+            receive()
+        assert view.status is not None
 
 
 def test_traffic_that_is_shown_has_its_wrong_crc_and_counter_marked(database: LineDatabase) -> None:

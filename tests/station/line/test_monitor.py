@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import can
@@ -10,7 +11,7 @@ import pytest
 from alignment.errors import FormatError
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
-from station.line.monitor import DecodedFrame, decode_frame, decode_log, trace_cycles, watch
+from station.line.monitor import DecodedFrame, decode_frame, decode_log, recorded, trace_cycles, watch
 from tests.station.line.line_bench import Clock, command_frame
 
 
@@ -100,6 +101,25 @@ def test_live_traffic_for_a_bounded_time(
 
 def test_live_traffic_of_a_silent_bus(station_bus: LineBus, database: LineDatabase) -> None:
     assert list(watch(station_bus, database, 0.01, Clock())) == []
+
+
+@pytest.mark.parametrize("ending", [".log", ".asc", ".blf"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_recorded_frames_are_in_the_file_when_it_ends_or_is_ended(
+    tmp_path: Path, database: LineDatabase, ending: str, whole: bool
+) -> None:
+    """A BLF file that is not closed has no frames, an ASC file no end."""
+    file = tmp_path / f"traffic{ending}"
+    frames = [command_frame(database, code, 1) for code in ("reset", "start", "acknowledge")]
+    for number, frame in enumerate(frames):
+        frame.timestamp = 1_000.0 + number
+    passed = recorded(iter(frames), file)
+    seen = list(itertools.islice(passed, None if whole else 2))
+    # As a user who ends it with Ctrl+C.
+    passed.close()  # type: ignore[attr-defined]
+    assert len(seen) == (3 if whole else 2)
+    found = [frame.values["Code"] for frame in decode_log(file, database)]
+    assert found == ["reset", "start", "acknowledge"][: len(seen)]
 
 
 def status(time_s: float, sequence: int, busy: int = 0, done: int = 0) -> DecodedFrame:
