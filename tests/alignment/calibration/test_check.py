@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from alignment.calibration.check import check_with_plate
+from alignment.calibration.observations import MarkObservations
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
@@ -15,6 +16,14 @@ from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, obse
 from tests.rendered import moved
 
 ARCMIN = np.pi / 10800.0
+
+
+EXACT = ViewErrors(0.001, 0.0, 0.0, 0.0)
+RNG = np.random.default_rng
+
+
+def moved_by(seen: MarkObservations, shift: tuple[float, float]) -> MarkObservations:
+    return replace(seen, pixels=seen.pixels + np.array(shift))
 
 
 def rig() -> RigCalibration:
@@ -38,6 +47,54 @@ def test_a_true_calibration_is_found_unchanged_from_two_views(corrected: bool) -
     assert abs(found.toe_change) < 0.15 * ARCMIN
     assert found.rms_px < 0.12  # the plate's errors
     assert len(found.cameras) == 6
+
+
+def test_contours_of_large_marks_are_brought_back_to_their_centres() -> None:
+    """Moved the wrong way, the calibration in force would differ from itself by twice the shift."""
+    calibration = rig()
+    plate = square_plate(half=8, pitch_mm=40.0, radius_mm=12.0)
+    views = observe(
+        cameras_of(calibration), plate, STAGES[:2], np.random.default_rng(3), EXACT, corrected=False
+    )
+    assert check_with_plate(views.data, calibration).rms_px < 0.005
+    taken_for_centres = [
+        replace(v, observations={k: replace(o, corrected=True) for k, o in v.observations.items()})
+        for v in views.data.views
+    ]
+    found = check_with_plate(replace(views.data, views=tuple(taken_for_centres)), calibration)
+    assert found.rms_px > 0.05
+
+
+def test_shifted_images_are_told_by_how_far_along_each_axis() -> None:
+    calibration = rig()
+    views = observe(cameras_of(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT)
+    key = "head_2", "left"
+    shifted = [
+        replace(
+            v,
+            observations={k: moved_by(o, (0.7, -0.3)) if k == key else o for k, o in v.observations.items()},
+        )
+        for v in views.data.views
+    ]
+    found = check_with_plate(replace(views.data, views=tuple(shifted)), calibration)
+    for each in found.cameras:
+        # Projected less observed.
+        expected = (-0.7, 0.3) if each.camera == key else (0.0, 0.0)
+        assert each.shift_px == pytest.approx(expected, abs=2e-3), each.camera
+
+
+def test_a_stage_position_that_is_wrong_by_far_stays_in_the_residuals() -> None:
+    """The stage held each step of the estimate but not their sum: the views crept to where the marks fit."""
+    calibration = rig()
+    errors = ViewErrors(0.02, 0.0, 0.0, 0.0)
+    views = observe(cameras_of(calibration), square_plate(half=11, pitch_mm=30.0), STAGES[:2], RNG(4), errors)
+    good, bad = views.data.views
+    assert bad.stage_mm is not None
+    bad = replace(bad, stage_mm=bad.stage_mm + np.array([0.3, 0.0, 0.0]))
+    # 300 standard deviations, and about as certain as the marks of a view are together.
+    found = check_with_plate(replace(views.data, views=(good, bad), stage_sigma_mm=1e-3), calibration)
+    held = check_with_plate(replace(views.data, views=(good, bad), stage_sigma_mm=3e-5), calibration)
+    assert found.rms_left_px > 0.6 * held.rms_left_px > 0.2
 
 
 def test_a_moved_camera_is_named_with_what_it_does_to_the_angles() -> None:

@@ -17,6 +17,7 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.stereo.triangulation import triangulate
 from alignment.values import HeadCalibration, RigCalibration, Side
+from alignment.vehicle.angles import camber_toe
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles, repeat_calibrations
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
@@ -66,6 +67,57 @@ def test_sensitivity_is_what_a_wheel_fit_does_when_a_camera_changes(side: Side) 
         np.testing.assert_allclose(
             moved, sensitivity @ change, rtol=0.1, atol=0.1 * np.abs(moved).max() + 1e-9
         )
+
+
+def with_measured_pose(calibration: RigCalibration) -> RigCalibration:
+    """A rig that leans in its vehicle, as a gauge has measured."""
+    leaning = calibration.vehicle_from_rig.perturbed(np.array([0.01, -0.02, 0.03]), np.zeros(3))
+    return replace(calibration, vehicle_from_rig=leaning, vehicle_from_rig_measured=True)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_sensitivity_to_the_measured_pose_is_what_a_turn_of_the_rig_does_to_the_angles(
+    side: Side, axis: int
+) -> None:
+    """Both turns had the other sign once, which a variance alone does not show."""
+    calibration = with_measured_pose(rig(side))
+    nominal = calibration.vehicle_from_rig
+    step = 1e-5
+    angles = []
+    for sign in (1.0, -1.0):
+        turned = nominal.perturbed(sign * step * np.eye(3)[axis], np.zeros(3))
+        angles.append(camber_toe(turned.rotation[:, 2], side))
+    expected = np.subtract(*angles) / (2.0 * step)
+    at = calibration.parameter_names.index("vehicle_from_rig." + ("rx", "ry", "rz")[axis])
+    found = angle_sensitivity(calibration)[:, at]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+    assert axis == 2 or np.linalg.norm(found) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_turn_of_all_cameras_that_the_measured_pose_takes_back_costs_nothing(side: Side) -> None:
+    """A gauge measures the rig with these cameras, so that their errors are in its pose, turned round."""
+    calibration = with_measured_pose(rig(side))
+    names = calibration.parameter_names
+    stated = []
+    for back in (-1.0, 0.0, 1.0):
+        covariance = np.zeros((len(names), len(names)))
+        for axis in range(3):
+            change = np.zeros(len(names))
+            first = 0
+            for camera in (camera for head in calibration.heads for camera in head.cameras):
+                pose = camera.rig_from_camera
+                change[first : first + 3] = pose.rotation.T @ np.eye(3)[axis]
+                change[first + 3 : first + 6] = np.cross(np.eye(3)[axis], pose.translation)
+                first += 6 + len(camera.model.parameters)
+            change[-6 + axis] = back
+            covariance += 1e-4**2 * np.outer(change, change)
+        stated.append(predict_angle_uncertainty(replace(calibration, covariance=covariance)))
+    taken_back, alone, added = np.array(stated)
+    assert alone == pytest.approx([1e-4, 1e-4], rel=0.02)
+    assert taken_back.max() < 1e-7
+    assert added == pytest.approx(2.0 * alone, rel=1e-3)
 
 
 def test_covariance_of_points_is_what_triangulation_does_when_a_camera_changes() -> None:

@@ -151,6 +151,21 @@ def test_a_plane_of_points_gives_its_normal() -> None:
     assert tilt_error(result.normal, true) < 0.05
 
 
+@pytest.mark.parametrize(("deviations", "counts"), [(4.0, True), (5.5, False), (9.0, False), (13.0, False)])
+def test_points_five_deviations_from_a_plane_do_not_count(deviations: float, counts: bool) -> None:
+    """Letters of a third of a millimetre on one side of the tyre: a wider limit lets them turn the plane."""
+    rng, sigma = np.random.default_rng(8), 0.05
+    xy = rng.uniform(-300, 300, (2000, 2))
+    points = np.column_stack([xy, sigma * rng.standard_normal(2000)])
+    raised = (np.arange(2000) < 400) & (xy[:, 0] > 150.0)
+    points[raised, 2] = deviations * sigma
+    result = fit_plane(points, np.arange(2000), UP)
+    assert (result.weights[raised] > 0.0).all() == counts
+    if not counts:
+        assert (result.weights[raised] == 0.0).all()
+        assert tilt_error(result.normal, UP) < 3.0 * math.sqrt(np.trace(result.covariance)) / ARCMIN
+
+
 def test_the_stated_covariance_of_a_plane_is_that_of_many_to_a_tenth() -> None:
     """The slope of the weights was left out: a sixth too little was stated."""
     rng = np.random.default_rng(6)

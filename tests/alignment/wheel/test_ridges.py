@@ -46,6 +46,27 @@ def test_bends_on_a_ridge_find_the_plane_of_the_wheel() -> None:
     assert np.abs(np.hypot(*plane.centroid[:2])) < 1.0
 
 
+def test_the_stated_covariance_is_that_of_a_regression_on_nine_bends() -> None:
+    """A plane takes three of the nine degrees of freedom; with all nine a fifth too little is stated."""
+    points, head, line = lines_on_a_wheel(np.random.default_rng(3), 0.0)
+    # Three lines before each head stay, each lifted along the axis by its own.
+    used = np.flatnonzero(np.isin(line % 7, (0, 3, 6)))
+    points, head, line = points[used], head[used], line[used]
+    surface = surface_of(points, line)
+    lifts = 0.03 * np.array([1.0, -0.8, 0.6, -1.1, 0.9, -0.5, 0.7, -1.2, 0.8])
+    points = points + lifts[np.unique(line, return_inverse=True)[1]][:, None] * NORMAL
+    plane = fit_ridges(points, head, line, surface, 3)
+    assert plane.weights.sum() == len(plane.residuals) == 9
+    angles = np.radians([90.0 + 120.0 * k + 3.0 * m for k in range(3) for m in (-3, 0, 3)])
+    circle = 260.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    design = np.column_stack([np.ones(9), circle])
+    rest = np.linalg.lstsq(design, lifts, rcond=None)[1]
+    of_tilts = float(rest[0]) / (9 - 3) * np.linalg.inv(design.T @ design)[1:, 1:]
+    # Turned by the axes of the tilts, the covariance keeps its eigenvalues.
+    found, expected = np.linalg.eigvalsh(plane.covariance), np.linalg.eigvalsh(of_tilts)
+    assert found == pytest.approx(expected, rel=0.02)
+
+
 def test_a_head_without_lines_across_the_ridge_is_noticed() -> None:
     points, head, line = lines_on_a_wheel(np.random.default_rng(2), 0.005)
     surface = surface_of(points, line)

@@ -74,6 +74,30 @@ def test_a_ghost_that_fits_nearly_as_well_and_comes_first_is_not_taken(seed: int
     assert error(PointPool.of(heads), [hypothesis(GHOST - 8.0, 0.9), hypothesis(-8.0, 0.8)]) < 0.1
 
 
+def test_a_line_point_whose_partner_is_missing_takes_no_neighbour_of_it() -> None:
+    """A neighbour eight millimetres off is a ghost; only within two of the fitted wheel a match is chosen."""
+    rng = np.random.default_rng(5)
+    heads, ghosts = [], []
+    for k in range(3):
+        true, line = wheel(rng, k)
+        place = rng.integers(0, 10, len(true))
+        # Mirrored at the plane of the hypothesis, and nearer to it: chosen first, so that it is chosen again.
+        mirrored = true.copy()
+        mirrored[:, 2] = -8.0 - 0.9 * (true[:, 2] + 8.0)
+        far = true + np.array([0.0, 0.0, GHOST])
+        lonely = place < 2
+        first = np.where(lonely[:, None], true + np.array([0.0, 0.0, 8.0]), true)
+        second = np.where((place == 2)[:, None], mirrored, far)
+        heads.append(seen([first, second], line))
+        ghosts.append(np.repeat(lonely, 2))
+    pool = PointPool.of(heads)
+    surface = find_surface(pool, [hypothesis(-8.0, 0.9)], AXES)
+    assert surface is not None
+    assert not (surface.chosen & np.concatenate(ghosts)).any()
+    assert surface.chosen.sum() > 0.75 * 7500
+    assert float(np.linalg.norm(np.cross(surface.fit.normal, NORMAL))) < 0.01 * ARCMIN
+
+
 def shield(points: Array) -> Array:
     """Something flat and aslant before the whole view."""
     return np.column_stack([points[:, :2], 8.0 + 0.25 * points[:, 0]])

@@ -144,6 +144,36 @@ def test_the_stated_run_out_is_that_of_many_series() -> None:
     assert np.std(errors) / math.sqrt(np.square(stated).mean()) == pytest.approx(0.95, abs=0.1)
 
 
+def test_shots_noisier_than_stated_are_counted_with_the_three_unknowns_of_a_cone() -> None:
+    """Divided by the number of shots, the noise of a few looks smaller than it is: of eight by a fifth."""
+    shots, wave = 12, 3.0 * NOISE
+    turns = 2.0 * math.pi * np.arange(shots) / shots
+    # Three waves on the circle: no axis and no run-out follows them, so that all of it is residual.
+    planes = [series(np.array([t]), run_out=RUN_OUT + wave * math.cos(3.0 * t))[0] for t in turns]
+    found = accepted(fit_spin_axis(planes, "left"))
+    assert found.run_out == pytest.approx(RUN_OUT, abs=1e-3 * NOISE)
+    variance = float(np.square(wave * np.cos(3.0 * turns)).sum()) / (shots - 3)
+    # Each shot sees one of both tilts: together they are known as from half of them.
+    assert found.angle_covariance == pytest.approx(variance * 2.0 / shots * np.eye(2), rel=0.01, abs=1e-13)
+
+
+@pytest.mark.parametrize("arc_deg", [5.0, 30.0])
+def test_hidden_run_out_of_a_wheel_that_hardly_turned_is_in_the_uncertainty(arc_deg: float) -> None:
+    """As large as one shot's noise, it is not seen, and does not average out over shots of one turn."""
+    rng = np.random.default_rng(21)
+    errors, stated = [], []
+    for _ in range(100):
+        spins = rng.uniform(0.0, 2.0 * math.pi) + np.linspace(0.0, math.radians(arc_deg), 16)
+        found = fit_spin_axis(series(spins, run_out=NOISE, noise=NOISE, rng=rng), "left")
+        if found:
+            errors.append([found.camber, found.toe])
+            stated.append(np.diag(found.angle_covariance))
+            assert found.run_out is None
+    assert len(errors) >= 98
+    assert math.sqrt(np.square(errors).mean() / np.mean(stated)) == pytest.approx(1.0, abs=0.15)
+    assert (np.abs(errors) <= 2.0 * np.sqrt(stated)).mean() >= 0.95
+
+
 def test_a_shorter_arc_has_a_larger_uncertainty() -> None:
     def total_u(arc_deg: float) -> float:
         found = accepted(fit_spin_axis(series(np.linspace(0.0, math.radians(arc_deg), 12)), "left"))
