@@ -55,7 +55,7 @@ def interface_document(database: LineDatabase) -> str:
 def _for_plc_programmers(database: LineDatabase) -> str:
     cycle = CycleSettings()
     store_s = float(DatabaseSettings.model_fields["timeout_s"].default)
-    longest_s = cycle.measure_timeout_s + 4 * store_s
+    longest_s = cycle.measure_timeout_s + 6 * store_s
     return FOR_PLC_PROGRAMMERS.format(
         longest_s=longest_s,
         longest_master_s=longest_s + 8 * store_s,

@@ -48,8 +48,8 @@ configuration; ask for its file. `LongestCycle` below is this value:
 
 | mode | longest time | with the defaults |
 |---|---|---|
-| automatic, calibrate | `cycle.measure_timeout_s` + 4 × `database.timeout_s` | {longest_s:g} s |
-| master_check | `cycle.measure_timeout_s` + 12 × `database.timeout_s` | {longest_master_s:g} s |
+| automatic, calibrate | `cycle.measure_timeout_s` + 6 × `database.timeout_s` | {longest_s:g} s |
+| master_check | `cycle.measure_timeout_s` + 14 × `database.timeout_s` | {longest_master_s:g} s |
 | adjust | that of automatic + `cycle.adjust_timeout_s` | {longest_adjust_s:g} s |
 
 For each wheel beyond four a master check takes up to 2 × `database.timeout_s` more. A cycle that is aborted

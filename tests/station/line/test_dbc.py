@@ -183,7 +183,7 @@ def test_pipe_folder_and_giant_are_refused_before_they_are_read(tmp_path: Path) 
     for path, seen in (
         (pipe, "a pipe"),
         (tmp_path, "a folder"),
-        (giant, "20000.0 MB"),
+        (giant, "18.63 GiB"),
         (Path("/dev/zero"), "device"),
     ):
         with pytest.raises(ConfigurationError, match=seen):

@@ -246,7 +246,7 @@ def test_step_that_goes_well_is_repeated_without_a_rest_and_a_rest_ends_at_the_s
     assert (thread.alive, thread.failures) == (False, 1)
 
 
-@pytest.mark.parametrize(("mode", "calls"), [(Mode.AUTOMATIC, 4), (Mode.MASTER_CHECK, 12)])
+@pytest.mark.parametrize(("mode", "calls"), [(Mode.AUTOMATIC, 6), (Mode.MASTER_CHECK, 14)])
 def test_cycle_ends_within_the_page_s_longest_time(
     mode: Mode, calls: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
