@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration.check import PlateCheck, check_with_plate
 from alignment.calibration.gate import ARCMIN
 from alignment.calibration.observations import CalibrationInput
@@ -222,9 +223,16 @@ def check_master_wheel(
 def judge_master(
     found: WheelMeasurement | Refusal, master: MasterWheel, limits: CheckLimits
 ) -> tuple[CheckOutcome, str, dict[str, Any]]:
-    """Verdict, reason and figures: measured less certified against both expanded uncertainties."""
+    """Verdict, reason and figures: measured less certified against both expanded uncertainties.
+
+    Raises
+    ------
+    ConfigurationError
+        When the angles are more than what is believed off their certificate, and fit it with a slip of the pen.
+    """
     if isinstance(found, Refusal):
         return CheckOutcome.OUT, f"the master wheel was not measured: {found.reason}", {"code": found.code}
+    _refuse_slip(found, master, limits)
     figures: dict[str, Any] = {}
     parts, within = [], True
     for name, value, u95, certified in (
@@ -245,6 +253,23 @@ def judge_master(
     if within:
         return CheckOutcome.WITHIN, reason, figures
     return CheckOutcome.OUT, f"{reason}; check the wheel's seat, then calibrate the rig", figures
+
+
+def _refuse_slip(found: WheelMeasurement, master: MasterWheel, limits: CheckLimits) -> None:
+    """A slip of the pen that makes both angles fit to their tolerance is none of the rig's faults."""
+    measured, certified = (found.camber, found.toe), (master.camber, master.toe)
+    within = (math.hypot(found.camber_u95, limits.angle), math.hypot(found.toe_u95, limits.angle))
+    off = [abs(m - c) for m, c in zip(measured, certified, strict=True)]
+    slip = certificate_slip(measured, certified, within)
+    if slip is None or max(off) <= LARGEST_SHIFT:
+        return
+    raise ConfigurationError(
+        field="--camber, --toe",
+        expected=f"certified angles near the measured camber {math.degrees(found.camber):.3f}° and toe "
+        f"{math.degrees(found.toe):.3f}°",
+        seen=f"camber {math.degrees(master.camber):.3f}°, toe {math.degrees(master.toe):.3f}°",
+        cure=f"They would fit with {slip}: check the certificate, in degrees; nothing was stored",
+    )
 
 
 def store_check(

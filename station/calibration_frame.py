@@ -17,6 +17,7 @@ from alignment.calibration.gauge import (
     PlacedRig,
     judge_placing,
     place_rig,
+    placing_in_doubt,
     predicted_u95,
     transfer_u95,
 )
@@ -58,6 +59,8 @@ class FramedRig:
         What was found; None where the plate was not recognised.
     calibration
         With the new pose and an identity of its own; None when refused.
+    forced_reason
+        Why a pose that is not believed counts all the same; None where it is believed.
     """
 
     rig: str
@@ -65,10 +68,16 @@ class FramedRig:
     problem: str | None
     placed: PlacedRig | None
     calibration: RigCalibration | None
+    forced_reason: str | None = None
 
 
 def place_rigs(
-    folder: Path, frame: GaugeFrame, calibrations: Sequence[Path], now_utc: datetime, progress: Progress
+    folder: Path,
+    frame: GaugeFrame,
+    calibrations: Sequence[Path],
+    now_utc: datetime,
+    progress: Progress,
+    forced_reason: str | None = None,
 ) -> tuple[FramedRig, ...]:
     """Find the pose of every rig in the vehicle from a gauge session.
 
@@ -85,6 +94,8 @@ def place_rigs(
         Time of the calibration, aware; part of the new identities.
     progress
         Told how far it is.
+    forced_reason
+        Why poses that are in doubt shall count all the same. None to refuse them.
 
     Raises
     ------
@@ -101,11 +112,17 @@ def place_rigs(
     out = []
     for number, (rig, session) in enumerate(sessions.items()):
         progress(number / len(sessions), f"marks of {rig}")
-        out.append(_place(session, known[rig].calibration(), frame, now_utc))
+        out.append(_place(session, known[rig].calibration(), frame, now_utc, forced_reason))
     return tuple(out)
 
 
-def _place(session: PlateSession, known: RigCalibration, frame: GaugeFrame, now_utc: datetime) -> FramedRig:
+def _place(
+    session: PlateSession,
+    known: RigCalibration,
+    frame: GaugeFrame,
+    now_utc: datetime,
+    forced_reason: str | None,
+) -> FramedRig:
     # The frame's own description counts: it has the certificate.
     plate = frame.plates[session.rig].plate
     session = replace(session, plate=plate)
@@ -120,11 +137,20 @@ def _place(session: PlateSession, known: RigCalibration, frame: GaugeFrame, now_
         frame.file.angle_sigma_arcmin * ARCMIN,
     )
     placed = place_rig(data, known, certified)
-    problem = judge_placing(placed)
-    new = None
-    if problem is None:
-        new = replace(placed.calibration, id=calibration_id(placed.calibration, now_utc))
-    return FramedRig(session.rig, known.id, problem, placed, new)
+    return judged_rig(placed, known, now_utc, forced_reason)
+
+
+def judged_rig(
+    placed: PlacedRig, known: RigCalibration, now_utc: datetime, forced_reason: str | None = None
+) -> FramedRig:
+    """Accept a placed rig with an identity of its own, or refuse it; what is in doubt needs a reason."""
+    problem, doubt = judge_placing(placed), placing_in_doubt(placed)
+    if problem is None and doubt is not None and forced_reason is None:
+        problem = f"{doubt}. To place it all the same, add --force with --reason, which is recorded"
+    if problem is not None:
+        return FramedRig(known.rig, known.id, problem, placed, None)
+    new = replace(placed.calibration, id=calibration_id(placed.calibration, now_utc))
+    return FramedRig(known.rig, known.id, None, placed, new, None if doubt is None else forced_reason)
 
 
 def _read_sessions(folder: Path) -> dict[str, PlateSession]:
@@ -213,9 +239,10 @@ def keep(
     for each in framed:
         assert each.calibration is not None
         name = f"{each.rig}.json"
-        method = f"{each.before}, placed by gauge frame {frame.file.name}"[:200]
+        forced = "" if each.forced_reason is None else f"FORCED: {each.forced_reason}; "
+        method = f"{forced}{each.before}, placed by gauge frame {frame.file.name}"
         files[name] = describe_calibration(
-            each.calibration, method=method, created_utc=now_utc, path=out / name
+            each.calibration, method=method[:200], created_utc=now_utc, path=out / name
         )
     if database is not None:
         with ResultStore(database) as store:
@@ -251,6 +278,7 @@ def _rig_as_json(framed: FramedRig, file: Path | None) -> dict[str, Any]:
         "predecessor_id": framed.before,
         "calibration_id": None if framed.calibration is None else framed.calibration.id,
         "calibration": None if file is None else str(file),
+        "forced_reason": framed.forced_reason,
     }
     if framed.placed is None:
         return result

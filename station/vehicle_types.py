@@ -16,6 +16,8 @@ from station.toml import read_toml
 from station.verdict import Limits
 
 LARGEST_DEG = 10.0
+WIDEST_DEG = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}
+"""Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
 Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]+$")]
 AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
@@ -41,7 +43,10 @@ class Tolerance(StrictModel):
             )
         if self.lower_deg is not None and self.upper_deg is not None and self.lower_deg >= self.upper_deg:
             raise DegenerateInputError(
-                field="upper_deg", expected=f"above lower_deg, {self.lower_deg}", seen=str(self.upper_deg)
+                field="upper_deg",
+                expected=f"above lower_deg, {self.lower_deg}",
+                seen=str(self.upper_deg),
+                cure="It would fit with the two exchanged",
             )
         return self
 
@@ -56,6 +61,21 @@ class Tolerance(StrictModel):
         return Limits(math.radians(low), math.radians(high))
 
 
+def _check_width(name: str, tolerance: Tolerance | None) -> None:
+    """Refuse limits so wide that every vehicle would be accepted; they are in another unit."""
+    if tolerance is None:
+        return
+    limits = tolerance.limits()
+    half = 0.5 * math.degrees(limits.high - limits.low)
+    if half > WIDEST_DEG[name] * (1.0 + 1e-9):
+        raise DegenerateInputError(
+            field=name,
+            expected=f"limits at most ±{WIDEST_DEG[name]:g}° wide",
+            seen=f"±{half:g}°",
+            cure=f"It would fit with arcminutes taken for degrees: {half:g}′ are {half / 60.0:.4g}°",
+        )
+
+
 class AxleTolerances(StrictModel):
     """Limits of one axle; signs: camber positive when the top leans outboard, toe positive for toe-in."""
 
@@ -65,6 +85,12 @@ class AxleTolerances(StrictModel):
     camber_difference: Tolerance | None = Field(
         default=None, description="Left minus right camber; not judged without"
     )
+
+    @model_validator(mode="after")
+    def _are_believable(self) -> AxleTolerances:
+        for name in type(self).model_fields:
+            _check_width(name, getattr(self, name))
+        return self
 
 
 class VehicleType(StrictModel):
@@ -85,6 +111,11 @@ class VehicleType(StrictModel):
     thrust_angle: Tolerance | None = Field(
         default=None, description="Direction in which the rear axle rolls; not judged without"
     )
+
+    @model_validator(mode="after")
+    def _thrust_is_believable(self) -> VehicleType:
+        _check_width("thrust_angle", self.thrust_angle)
+        return self
 
 
 def read_vehicle_type(path: Path) -> VehicleType:

@@ -12,6 +12,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration.prediction import angle_covariance
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.measure import measure_wheel
@@ -21,7 +22,7 @@ from alignment.wheel.zero import ZeroCorrection, zero_correction
 from db.records import ZeroRecord
 from sensors.formats import read_shot
 
-LARGEST_ZERO = math.radians(10.0 / 60.0)
+LARGEST_ZERO = LARGEST_SHIFT
 """Largest zero value that is believed unless the station says otherwise, radians."""
 
 
@@ -126,17 +127,12 @@ def measure_zero(
 
 def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: float) -> ConfigurationError:
     """Say by how much the master is off its certificate, and which slip of the pen would explain it."""
-    cure = "Check master wheel, certificate and calibration"
-    for explanation, certified in (
-        ("the opposite sign of the camber", (-master.camber, master.toe)),
-        ("the opposite sign of the toe", (master.camber, -master.toe)),
-        ("both signs turned round", (-master.camber, -master.toe)),
-        ("camber and toe exchanged", (master.toe, master.camber)),
-        ("arcminutes taken for degrees", (master.camber / 60.0, master.toe / 60.0)),
-    ):
-        if max(abs(m - c) for m, c in zip(measured, certified, strict=True)) <= largest:
-            cure = f"It would fit with {explanation}: check the certificate"
-            break
+    slip = certificate_slip(measured, (master.camber, master.toe), (largest, largest))
+    cure = (
+        "Check master wheel, certificate and calibration"
+        if slip is None
+        else f"It would fit with {slip}: check the certificate"
+    )
     seen = [
         f"{name} {math.degrees(certified):.3f}°, {_arcmin(found - certified, '+')} off"
         for name, found, certified in zip(

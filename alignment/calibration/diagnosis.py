@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust, minimise
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.problem import build_problem, initial_state
+from alignment.calibration.scale import stated_scale
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
@@ -25,8 +26,13 @@ _PREDICTED_PX = 0.05
 _AXES = "xyz"
 
 
-def diagnose(data: CalibrationInput, settings: AdjustmentSettings) -> str | None:
+def diagnose(
+    data: CalibrationInput, settings: AdjustmentSettings, adjustment: Adjustment | None = None
+) -> str | None:
     """Find the view, or the sign of the stage, that makes the others agree when it is left out or turned.
+
+    What one common scale explains is blamed on the plate before any view. `adjustment` is what came of the
+    data, None where nothing did.
 
     Returns
     -------
@@ -34,6 +40,9 @@ def diagnose(data: CalibrationInput, settings: AdjustmentSettings) -> str | None
         A sentence that names it; None when no single cause explains the contradiction.
     """
     simple = replace(settings, model="brown5")
+    scaled = stated_scale(data, adjustment, lambda tried: _good(tried, simple))
+    if scaled is not None:
+        return scaled[1]
     findings = []
     for v, view in enumerate(data.views):
         rest = _good(replace(data, views=(*data.views[:v], *data.views[v + 1 :])), simple)

@@ -14,6 +14,7 @@ from alignment.calibration.adjustment import Adjustment, AdjustmentSettings
 from alignment.calibration.diagnosis import diagnose
 from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty
+from alignment.calibration.scale import scale_in_moves
 from alignment.errors import DegenerateInputError
 from alignment.values import RigCalibration
 
@@ -255,11 +256,14 @@ def _wrong(
                 "images are swapped",
             )
     bad = [f for f in figures if f.outliers > limits.outliers or f.noise_scale > limits.noise_scale]
-    if not bad:
+    # A wrong pitch fits: it shows in how far the stage's moves would be off, all by the same share.
+    if not bad and scale_in_moves(adjustment) is None:
         return None
-    finding = diagnose(adjustment.data, AdjustmentSettings(adjustment.model))
+    finding = diagnose(adjustment.data, AdjustmentSettings(adjustment.model), adjustment)
     if finding is not None:
         return CalibrationProblem.WRONG_INPUT, finding
+    if not bad:
+        return None
     worst = max(bad, key=lambda f: (f.outliers > limits.outliers, f.noise_scale))
     if worst.outliers > limits.outliers:
         return (

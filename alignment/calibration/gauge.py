@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.believable import LARGEST_MOUNTING, LARGEST_SHIFT, LARGEST_TURN, pose_slip, turn_from_nominal
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, solve
 from alignment.calibration.equations import normal_equations
 from alignment.calibration.gate import ARCMIN
@@ -25,7 +26,7 @@ from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
-from alignment.values import RigCalibration, nominal_vehicle_from_rig
+from alignment.values import RigCalibration
 from alignment.vehicle.angles import camber_toe
 
 Array = NDArray[np.float64]
@@ -78,6 +79,8 @@ class PlacedRig:
         Share of observations without weight.
     camber_change, toe_change
         What the new pose changes of the angles of a wheel, radians.
+    was_measured
+        Whether the pose it replaces was measured too.
     turn_from_nominal
         Angle between the measured and the nominal pose, radians.
     """
@@ -93,6 +96,7 @@ class PlacedRig:
     camber_change: float
     toe_change: float
     turn_from_nominal: float
+    was_measured: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,13 +115,19 @@ class PlacingLimits:
         Largest expanded uncertainty of camber and toe that comes from seeing the plate, radians.
     turn_from_nominal
         Largest believable angle between the rig's axes and the vehicle's, radians.
+    usual_turn
+        Above it that angle needs a reason.
+    change
+        Above it a change of camber or toe from an earlier measured pose needs a reason, radians.
     """
 
     marks: int = 20
     noise_scale: float = 6.0
     outliers: float = 0.05
     transfer_u95: float = 0.1 * ARCMIN
-    turn_from_nominal: float = math.radians(10.0)
+    turn_from_nominal: float = LARGEST_TURN
+    usual_turn: float = LARGEST_MOUNTING
+    change: float = LARGEST_SHIFT
 
 
 def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: CertifiedPlate) -> PlacedRig:
@@ -191,7 +201,6 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
     )
     pixels = np.linalg.solve(problem.whitening, solution.at.residuals[..., None])[..., 0]
     squares = np.square(pixels).sum(axis=1)
-    nominal = nominal_vehicle_from_rig(calibration.side)
     return PlacedRig(
         calibration=placed,
         rig_from_plate=found,
@@ -203,7 +212,8 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
         outliers=float((solution.weights < 0.5).mean()),
         camber_change=after[0] - before[0],
         toe_change=after[1] - before[1],
-        turn_from_nominal=float(np.linalg.norm((nominal.inverse() @ vehicle_from_rig).rotvec())),
+        turn_from_nominal=turn_from_nominal(vehicle_from_rig, calibration.side),
+        was_measured=calibration.vehicle_from_rig_measured,
     )
 
 
@@ -223,10 +233,12 @@ def judge_placing(placed: PlacedRig, limits: PlacingLimits | None = None) -> str
                 "check that the plate fills its field"
             )
     if placed.turn_from_nominal > limits.turn_from_nominal:
+        slip = pose_slip(placed.calibration.vehicle_from_rig, placed.calibration.side)
         return (
             f"the rig would be turned by {math.degrees(placed.turn_from_nominal):.1f}° against the vehicle, "
-            f"at most {math.degrees(limits.turn_from_nominal):g}° are believable; check that the plate is "
-            "the one the frame's description gives to this rig, and its rotation there"
+            f"at most {math.degrees(limits.turn_from_nominal):g}° are believable; "
+            + ("" if slip is None else f"it would fit with {slip}: ")
+            + "check that the plate is the one the frame's description gives to this rig, and its rotation there"
         )
     if placed.outliers > limits.outliers:
         return (
@@ -245,6 +257,26 @@ def judge_placing(placed: PlacedRig, limits: PlacingLimits | None = None) -> str
         return (
             f"seeing the plate alone makes the angles uncertain by ±{u95 / ARCMIN:.3f}′ (95 %), allowed is "
             f"±{limits.transfer_u95 / ARCMIN:.3f}′; check light and focus, and calibrate the rig"
+        )
+    return None
+
+
+def placing_in_doubt(placed: PlacedRig, limits: PlacingLimits | None = None) -> str | None:
+    """The sentence that says why a good placing needs a reason before it turns every later wheel; None when
+    it is believed without."""
+    limits = limits or PlacingLimits()
+    if placed.turn_from_nominal > limits.usual_turn:
+        return (
+            f"the rig would be turned by {math.degrees(placed.turn_from_nominal):.2f}° against the vehicle, "
+            f"usual are at most {math.degrees(limits.usual_turn):g}°; check the plate's rotation in the "
+            "frame's description, its signs first"
+        )
+    change = max(abs(placed.camber_change), abs(placed.toe_change))
+    if placed.was_measured and change > limits.change:
+        return (
+            f"camber would change by {placed.camber_change / ARCMIN:+.4g}′ and toe by "
+            f"{placed.toe_change / ARCMIN:+.4g}′ against the pose that a gauge frame gave before, at most "
+            f"{limits.change / ARCMIN:.4g}′ are believable; check the rig's seat and the frame's description"
         )
     return None
 

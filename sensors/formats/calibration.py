@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike
@@ -11,10 +12,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AwareDatetime, Field, model_validator
 
+from alignment.believable import LARGEST_TURN, place_problem, pose_slip, side_in_name, turn_from_nominal
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
-from alignment.values import HeadCalibration, RigCalibration
+from alignment.values import HeadCalibration, RigCalibration, Side
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
@@ -129,6 +131,24 @@ class Covariance(StrictModel):
         return self
 
 
+def check_side(rig: str, side: Side) -> None:
+    """Refuse a side that contradicts the rig's name: it would turn the signs of all its angles.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the name ends in the other side.
+    """
+    named = side_in_name(rig)
+    if named not in (None, side):
+        raise DegenerateInputError(
+            field="side",
+            expected=f"'{named}', as the rig's name '{rig}' says",
+            seen=f"'{side}'",
+            cure="Correct the side or the name: left and right are exchanged in one of them",
+        )
+
+
 class CalibrationFile(StrictModel):
     """What a calibration file holds."""
 
@@ -153,6 +173,8 @@ class CalibrationFile(StrictModel):
         names = [head.name for head in self.heads]
         if len(set(names)) < len(names):
             raise DegenerateInputError(field="heads", expected="heads with different names", seen=str(names))
+        check_side(self.rig, self.side)
+        self._check_pose()
         calibration = self.calibration()
         stated = () if self.covariance is None else self.covariance.parameters
         for index, (seen, expected) in enumerate(zip(stated, calibration.parameter_names, strict=False)):
@@ -161,6 +183,25 @@ class CalibrationFile(StrictModel):
                     field=f"covariance.parameters[{index}]", expected=f"'{expected}'", seen=f"'{seen}'"
                 )
         return self
+
+    def _check_pose(self) -> None:
+        pose = self.vehicle_from_rig.transform()
+        turn = turn_from_nominal(pose, self.side)
+        if turn > LARGEST_TURN:
+            slip = pose_slip(pose, self.side)
+            raise DegenerateInputError(
+                field="vehicle_from_rig.rotation",
+                expected=f"axes within {math.degrees(LARGEST_TURN):g}° of a nominal rig on the {self.side}: "
+                "z outboard, y up",
+                seen=f"axes turned by {math.degrees(turn):.1f}°",
+                cure="Check 'side' and the rotation" if slip is None else f"It would fit with {slip}",
+            )
+        problem = place_problem(self.vehicle_from_rig.translation_mm, self.side)
+        if problem is not None:
+            expected, seen, cure = problem
+            raise DegenerateInputError(
+                field="vehicle_from_rig.translation_mm", expected=expected, seen=seen, cure=cure
+            )
 
     def calibration(self) -> RigCalibration:
         """Return the value that the mathematics uses."""

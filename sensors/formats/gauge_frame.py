@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from alignment.believable import NEAREST_MM, place_problem, side_in_name
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from sensors.formats.calibration import Pose
@@ -36,10 +38,10 @@ class GaugeFrameFile(StrictModel):
     )
     name: Name = Field(description="Name of the frame")
     position_sigma_mm: float = Field(
-        gt=0, le=10, description="Standard uncertainty of each coordinate of a plate's origin, millimetres"
+        ge=1e-4, le=1, description="Standard uncertainty of each coordinate of a plate's origin, millimetres"
     )
     angle_sigma_arcmin: float = Field(
-        gt=0, le=60, description="Standard uncertainty of a plate's rotation about each axis, arcminutes"
+        ge=1e-3, le=5, description="Standard uncertainty of a plate's rotation about each axis, arcminutes"
     )
     plates: tuple[GaugePlateEntry, ...] = Field(
         min_length=1, max_length=16, description="The plates, one for each rig"
@@ -50,7 +52,25 @@ class GaugeFrameFile(StrictModel):
         rigs = [plate.rig for plate in self.plates]
         if len(set(rigs)) < len(rigs):
             raise DegenerateInputError(field="plates", expected="one plate for each rig", seen=str(rigs))
+        for k, plate in enumerate(self.plates):
+            self._check_place(k, plate)
         return self
+
+    def _check_place(self, number: int, plate: GaugePlateEntry) -> None:
+        field = f"plates[{number}].vehicle_from_plate.translation_mm"
+        here = plate.vehicle_from_plate.translation_mm
+        problem = place_problem(here, side_in_name(plate.rig))
+        if problem is not None:
+            expected, seen, cure = problem
+            raise DegenerateInputError(field=field, expected=expected, seen=seen, cure=cure)
+        for other in self.plates[:number]:
+            if math.dist(here, other.vehicle_from_plate.translation_mm) < NEAREST_MM:
+                raise DegenerateInputError(
+                    field=field,
+                    expected=f"a place of its own, {NEAREST_MM:g} mm from every other plate",
+                    seen=f"that of {other.rig}",
+                    cure="Copy each plate's place from the frame's certificate",
+                )
 
 
 @dataclass(frozen=True, eq=False)

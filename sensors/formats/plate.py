@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
 FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
-Tolerance = Annotated[float, Field(ge=1e-6, le=10)]
+Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
 
 _CERTIFICATE_COLUMNS = (
     ["i", "j", "x_mm", "y_mm", "sigma_mm"],
     ["i", "j", "x_mm", "y_mm", "z_mm", "sigma_mm"],
 )
-_LARGEST_SIGMA_MM = 10.0
+_LARGEST_SIGMA_MM = 1.0
 
 
 class HollowGroup(StrictModel):
@@ -60,7 +60,7 @@ class PlateFile(StrictModel):
     name: Name = Field(description="Name of the plate")
     columns: GridPoint = Field(description="Index i of the first and of the last column; x = i · pitch")
     rows: GridPoint = Field(description="Index j of the first and of the last row; y = j · pitch")
-    pitch_mm: float = Field(gt=0, le=1000, description="Distance of neighbouring marks, millimetres")
+    pitch_mm: float = Field(ge=0.5, le=1000, description="Distance of neighbouring marks, millimetres")
     mark_diameter_mm: float = Field(gt=0, le=1000, description="Diameter of every mark, millimetres")
     hollow_diameter_mm: float = Field(
         gt=0, le=1000, description="Diameter of the light centre of ring marks, millimetres"

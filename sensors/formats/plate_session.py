@@ -17,6 +17,7 @@ from pydantic import AwareDatetime, Field, model_validator
 from alignment.calibration.observations import CameraKey
 from alignment.errors import DegenerateInputError, FormatError
 from alignment.values import Image, Side
+from sensors.formats.calibration import check_side
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
 from sensors.formats.plate import FilePath, PlateDescription, PlateFile, describe_plate, read_plate
@@ -95,7 +96,7 @@ class PlateSessionFile(StrictModel):
         default=None, description="TOML file that describes the plate, relative to this folder"
     )
     stage_tolerance_mm: float = Field(
-        default=0.01, ge=1e-6, le=100, description="Each stage coordinate is right within ± this, millimetres"
+        default=0.01, ge=1e-4, le=1, description="Each stage coordinate is right within ± this, millimetres"
     )
     heads: tuple[HeadCameras, ...] = Field(
         min_length=1, max_length=16, description="Heads and cameras, in the order of the shots"
@@ -110,6 +111,7 @@ class PlateSessionFile(StrictModel):
                 expected="either a plate here or the name of its file under 'plate_file'",
                 seen="neither" if self.plate is None else "both",
             )
+        check_side(self.rig, self.side)
         _check_different("heads", "heads", [head.name for head in self.heads])
         _check_different("views", "views", [view.name for view in self.views])
         self._check_images()

@@ -35,7 +35,7 @@ def check_command(
             help="Largest change of camber and toe, minutes of arc; for a master wheel the certificate's "
             "expanded uncertainty and the allowed drift.",
             min=0.01,
-            max=60,
+            max=10,
         ),
     ] = 0.2,
     database: Annotated[

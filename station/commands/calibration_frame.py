@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json, reason_of_force
 from station.commands.warm_up import compiled_for
 
 
@@ -35,6 +35,12 @@ def frame_command(
         str | None,
         typer.Option(help="URL of the result database that keeps the calibrations.", show_default=False),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Place a rig though its pose is not what is believed.")
+    ] = False,
+    reason: Annotated[
+        str, typer.Option(help="Why it is forced; the calibration's method keeps it.", show_default=False)
+    ] = "",
     as_json: JsonFlag = False,
 ) -> None:
     """Put all rigs into the vehicle frame: one view of a gauge frame with a plate for each.
@@ -50,6 +56,7 @@ def frame_command(
     from sensors.formats.files import require_new
     from station.calibration_frame import framed_as_json, keep, place_rigs
 
+    forced_reason = reason_of_force(force, reason, "placing", longest=100)
     require_new(out)
     compiled_for(("calibrate",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
@@ -63,6 +70,7 @@ def frame_command(
             calibration,
             now,
             lambda done, doing: bar.update(task, completed=done, description=doing),
+            forced_reason,
         )
     accepted = all(each.calibration is not None for each in framed)
     files = keep(out, framed, gauge, now, database) if accepted else {}
@@ -89,6 +97,8 @@ def _print(result: dict[str, Any]) -> None:
             f"{rig['camber_change_arcmin']:+.2f}′ and toe by {rig['toe_change_arcmin']:+.2f}′; "
             f"±{rig['transfer_u95_arcmin']:.3f}′ (95 %) from seeing the plate"
         )
+        if rig["forced_reason"] is not None:
+            typer.echo(f"{rig['rig']}: FORCED: {rig['forced_reason']}")
         if rig["calibration"] is not None:
             typer.echo(f"wrote {rig['calibration']}: {rig['calibration_id']}")
     if result["outcome"] == "refused":

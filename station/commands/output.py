@@ -63,3 +63,26 @@ def default_config(given: Path | None, name: str = "station.toml") -> Path:
             file=place, expected="a configuration", seen="no such file", cure="Name one with --config"
         )
     return place
+
+
+def reason_of_force(force: bool, reason: str, what: str, longest: int = 1000) -> str | None:
+    """Return why something is forced; None when it is not.
+
+    Raises
+    ------
+    ConfigurationError
+        When only one of ``--force`` and ``--reason`` is given, or the reason has more than `longest`
+        characters; `what` names what is forced.
+    """
+    if force != bool(reason.strip()):
+        raise ConfigurationError(
+            field="--force, --reason",
+            expected=f"both or neither: a forced {what} says why",
+            seen="--force alone" if force else "--reason alone",
+            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
+        )
+    if len(reason.strip()) > longest:
+        raise ConfigurationError(
+            field="--reason", expected=f"at most {longest} characters", seen=str(len(reason.strip()))
+        )
+    return reason.strip() if force else None

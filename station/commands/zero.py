@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.database import DatabaseOption
-from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of_force
 from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
@@ -55,7 +55,6 @@ def measure_command(
 
     A zero value larger than what [zero] believes, 10′ by default, is not stored unless it is forced.
     """
-    from alignment.errors import ConfigurationError
     from alignment.values import MeasureSettings, Refusal
     from db.records import CalibrationRecord
     from db.store import ResultStore
@@ -63,13 +62,7 @@ def measure_command(
     from station.config import read_configuration
     from station.zero import LARGEST_ZERO, MasterWheel, measure_zero
 
-    if force != bool(reason.strip()):
-        raise ConfigurationError(
-            field="--force, --reason",
-            expected="both or neither: a forced zero measurement says why",
-            seen="--force alone" if force else "--reason alone",
-            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
-        )
+    forced_reason = reason_of_force(force, reason, "zero measurement")
     settings, largest = MeasureSettings(), LARGEST_ZERO
     if config is not None:
         station = read_configuration(config).settings
@@ -80,9 +73,7 @@ def measure_command(
     compiled_for_images(images, as_json, *(["spin"] if len(shots) > 1 else []))
     wheel = MasterWheel(master, math.radians(camber), math.radians(toe), math.radians(certified_u95) / 2.0)
     with ResultStore(database) as store:
-        found = measure_zero(
-            shots, file.calibration(), settings, wheel, largest, reason.strip() if force else None
-        )
+        found = measure_zero(shots, file.calibration(), settings, wheel, largest, forced_reason)
         if isinstance(found, Refusal):
             if as_json:
                 print_json({"outcome": "refused", "reason": found.reason, "reason_code": str(found.code)})

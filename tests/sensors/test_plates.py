@@ -83,7 +83,7 @@ def test_heads_that_see_groups_arranged_alike_are_told_apart_by_name(tmp_path: P
         ("columns = [-5, 5]", "columns = 11", "field 'columns'"),
         ("rows = [-5, 5]", "rows = [-5, 1000]", "field 'rows[1]': expected a number of at most 200"),
         ("rows = [-5, 5]", "rows = [-5.5, 5]", "field 'rows[0]'"),
-        ("pitch_mm = 15.0", "pitch_mm = 0", "field 'pitch_mm': expected a number above 0"),
+        ("pitch_mm = 15.0", "pitch_mm = 0", "field 'pitch_mm': expected a number from 0.5 upward"),
         ("pitch_mm = 15.0", "pitch = 15.0", "field 'pitch_mm': expected a value"),
         ("pitch_mm = 15.0", "pitch_mm = nan", "pitch_mm"),
         ("pitch_mm = 15.0", "pitch_mm = 7.5", "field 'mark_diameter_mm': expected more than the hollow"),

@@ -1,0 +1,127 @@
+"""Whether plate and stage mean the same millimetre: a wrong pitch fits the images, and turns every angle.
+
+A plate whose marks are stated a factor k too far apart looks to a camera like one of another focal length. Only
+the stage's moves in the plate's plane tell, or tilted views; heights of the stage do not. What follows is a rig
+whose x and y are stretched against z, so that every camber and toe is wrong by that share of itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
+from alignment.calibration.observations import CalibrationInput, Plate
+from alignment.errors import DegenerateInputError
+
+_SIGMAS = 4.0
+_LEAST = 5e-4  # of an angle of 2° that is 0.06′, as much as a calibration may cost
+_UNITS = {
+    25.4: "inches taken for millimetres in the stage's positions",
+    1.0 / 25.4: "inches taken for millimetres in the plate's pitch",
+    10.0: "centimetres taken for millimetres in the stage's positions",
+    0.1: "centimetres taken for millimetres in the plate's pitch",
+    1000.0: "metres taken for millimetres in the stage's positions",
+    0.001: "metres taken for millimetres in the plate's pitch",
+    2.0: "a pitch counted over two marks",
+    0.5: "half of the pitch",
+}
+_SAME_UNIT = 0.03
+
+
+def scale_in_moves(adjustment: Adjustment) -> float | None:
+    """How many times too far apart the plate's marks are stated, against the stage, by its moves.
+
+    Returns
+    -------
+    float or None
+        The factor; None where it is 1 within its uncertainty, or no move tells.
+    """
+    data = adjustment.data
+    rows = [v for v, view in enumerate(data.views) if view.stage_mm is not None]
+    if not rows or data.stage_sigma_mm <= 0.0:
+        return None
+    stage = np.array([data.views[v].stage_mm for v in rows])
+    moved = adjustment.stage_correction_mm[rows]
+    ones = np.ones((len(rows), 1))
+    # What cameras may lean together makes the corrections in the plane a straight line in the height.
+    for axes, common in (([0, 1], np.column_stack([ones, stage[:, 2]])), ([2], ones)):
+        free = np.column_stack([stage[:, axes], moved[:, axes]])
+        free = free - common @ np.linalg.lstsq(common, free)[0]
+        moves, corrections = free[:, : len(axes)].ravel(), free[:, len(axes) :].ravel()
+        size = float(moves @ moves)
+        if size <= 0.0:
+            continue
+        excess = float(moves @ corrections) / size
+        if abs(excess) > max(_SIGMAS * data.stage_sigma_mm / math.sqrt(size), _LEAST):
+            return 1.0 + excess
+    return None
+
+
+def stated_scale(
+    data: CalibrationInput, adjustment: Adjustment | None, refit: Callable[[CalibrationInput], Adjustment | None]
+) -> tuple[float, str] | None:
+    """Find the one factor by which the plate's marks are stated too far apart, against the stage.
+
+    Parameters
+    ----------
+    data
+        What contradicts itself, or seems not to.
+    adjustment
+        What came of it; None where nothing did.
+    refit
+        Adjusts changed data; None where they contradict themselves.
+
+    Returns
+    -------
+    tuple or None
+        The factor and the sentence that says it; None when no common factor is off.
+    """
+    if all(view.stage_mm is None for view in data.views):
+        return None
+    as_stated = refit(data)
+    if as_stated is not None and scale_in_moves(as_stated) is None:
+        return None  # where nothing tells the scale, every scale fits
+    found = [None if adjustment is None else scale_in_moves(adjustment), _scale_of_tilted(data)]
+    for factor in (*found, *_UNITS):
+        if factor is None or factor <= 0.0 or abs(factor - 1.0) <= _LEAST:
+            continue
+        fitted = refit(_shrunk(data, factor))
+        if fitted is not None and scale_in_moves(fitted) is None:
+            return factor, _sentence(data.plate, factor)
+    return None
+
+
+def _scale_of_tilted(data: CalibrationInput) -> float | None:
+    """The factor from distances between the plate's places when the stage is not asked; views need tilts."""
+    free = tuple(replace(view, stage_mm=None) for view in data.views)
+    try:
+        found = adjust(replace(data, views=free), AdjustmentSettings())
+    except DegenerateInputError:
+        return None
+    rows = [v for v, view in enumerate(data.views) if view.stage_mm is not None]
+    here = np.array([found.rig_from_plate[v].translation for v in rows])
+    said = np.array([data.views[v].stage_mm for v in rows])
+    first, second = np.triu_indices(len(rows), 1)
+    seen, stage = (np.linalg.norm(x[first] - x[second], axis=1) for x in (here, said))
+    return float(seen @ stage / (stage @ stage)) if stage @ stage > 0.0 else None
+
+
+def _shrunk(data: CalibrationInput, factor: float) -> CalibrationInput:
+    return replace(data, plate=replace(data.plate, points=data.plate.points / factor))
+
+
+def _sentence(plate: Plate, factor: float) -> str:
+    indices = plate.indices - plate.indices.mean(axis=0)
+    pitch = float((indices * plate.points[:, :2]).sum() / np.square(indices).sum())
+    unit = next((text for known, text in _UNITS.items() if abs(factor / known - 1.0) < _SAME_UNIT), None)
+    by = f"{100.0 * (factor - 1.0):+.2f} %" if 0.5 < factor < 2.0 else f"a factor of {factor:.4g}"
+    return (
+        f"plate and stage disagree in every view by one common scale, {by}: a pitch of {pitch / factor:.4g} mm "
+        f"would fit where {pitch:.4g} mm is stated"
+        + ("" if unit is None else f", as would {unit}")
+        + "; check the plate's pitch_mm and certificate first, then the unit of the stage"
+    )
