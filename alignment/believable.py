@@ -1,6 +1,6 @@
-"""What is believed of a number that a person types or a file gives, and the slip that explains one that is not.
+"""What is believed of a number that a person types or a file gives, and the slip that explains another.
 
-Such a number shifts every later result and shows in none of them, so that it must be judged where it comes in.
+Such a number shifts every later result and shows in none of them, so it is judged where it comes in.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ NEAREST_MM, FARTHEST_MM = 100.0, 20_000.0
 
 _OTHER: dict[Side, Side] = {"left": "right", "right": "left"}
 _SIGN = {"left": 1.0, "right": -1.0}
-_ABOUT_Z = {"a quarter": 1, "half a": 2, "three quarters of a": 3}
+_WORD = {"left": "positive", "right": "negative"}
+_ABOUT_Z = {"a quarter turn": 1, "half a turn": 2, "three quarters of a turn": 3}
 
 
 def certificate_slip(
     measured: tuple[float, float], certified: tuple[float, float], within: tuple[float, float]
 ) -> str | None:
-    """Return the slip of the pen with which certified angles would fit the measured ones; None when none does.
+    """Return the slip of the pen with which certified angles would fit the measured ones; None without one.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def turn_from_nominal(vehicle_from_rig: RigidTransform, side: Side) -> float:
 def pose_slip(vehicle_from_rig: RigidTransform, side: Side) -> str | None:
     """Return the slip with which a pose far from nominal would be believed; None when none explains it."""
     about_z = {
-        f"{part} turn about its z axis": vehicle_from_rig
+        f"{part} about its z axis": vehicle_from_rig
         @ RigidTransform.from_rotvec(np.array([0.0, 0.0, -number * math.pi / 2.0]), np.zeros(3))
         for part, number in _ABOUT_Z.items()
     }
@@ -81,7 +82,7 @@ def place_problem(position_mm: tuple[float, float, float], side: Side | None) ->
     Parameters
     ----------
     position_mm
-        In the vehicle frame (X forward, Y left, Z up); the origin itself stands for a place that is not known.
+        In the vehicle frame (X forward, Y left, Z up); the origin itself stands for an unknown place.
     side
         Of the vehicle; None where it is not known.
     """
@@ -100,7 +101,7 @@ def place_problem(position_mm: tuple[float, float, float], side: Side | None) ->
         )
     if side is not None and _SIGN[side] * position_mm[1] < -NEAREST_MM:
         return (
-            f"a place on the {side} of the vehicle, where Y is {'positive' if side == 'left' else 'negative'}",
+            f"a place on the {side} of the vehicle, where Y is {_WORD[side]}",
             seen,
             "It would fit with left and right exchanged, or the opposite sign of Y",
         )

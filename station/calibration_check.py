@@ -228,7 +228,7 @@ def judge_master(
     Raises
     ------
     ConfigurationError
-        When the angles are more than what is believed off their certificate, and fit it with a slip of the pen.
+        When the angles are far off their certificate, and fit it with a slip of the pen.
     """
     if isinstance(found, Refusal):
         return CheckOutcome.OUT, f"the master wheel was not measured: {found.reason}", {"code": found.code}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.file_limits import TEXT
@@ -22,6 +22,8 @@ from sensors.frames import FrameTolerance
 from station.toml import read_toml
 from station.vehicle_types import Label, VehicleType, read_vehicle_types
 
+SMALLEST_K, LARGEST_K = 1.6, 5.0
+"""Believable coverage factors: 1.645 stands for 90 %."""
 Millimetres = Annotated[float, Field(ge=-500, le=500)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}_(left|right)$")]
@@ -186,12 +188,30 @@ class MeasureOptions(StrictModel):
         default=10.0, gt=0, le=10, description="Largest believable camber or toe, degrees"
     )
     coverage_factor: float = Field(
-        default=2.0, ge=1, le=5, description="k of the expanded uncertainty; 2 for about 95 %"
+        default=2.0,
+        ge=SMALLEST_K,
+        le=LARGEST_K,
+        description="k of the expanded uncertainty; 2 for about 95 %",
     )
 
     allow_lost_head: bool = Field(
         default=False, description="The other heads measure when one is lost; the result is marked degraded"
     )
+
+    @field_validator("coverage_factor", mode="before")
+    @classmethod
+    def _is_expanded(cls, k: object) -> object:
+        """Say what else the number would be; other kinds of values are left to the field's type."""
+        if isinstance(k, int | float) and not SMALLEST_K <= k <= LARGEST_K:
+            cure = "2 stands for about 95 %, 3 for 99.7 %"
+            if 0.5 < k < 1.0 or 50.0 < k < 100.0:
+                cure += f"; {k:g} would be a level of confidence, not a factor"
+            elif k == 1.0:
+                cure += "; 1 would make every u95 a standard uncertainty"
+            raise DegenerateInputError(
+                expected=f"a factor from {SMALLEST_K:g} to {LARGEST_K:g}", seen=f"{k:g}", cure=cure
+            )
+        return k
 
     @model_validator(mode="after")
     def _range_is_in_order(self) -> MeasureOptions:

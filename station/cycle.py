@@ -39,7 +39,7 @@ from station.line.messages import (
     Stop,
     Trigger,
 )
-from station.master_check import master_checks
+from station.master_check import master_checks, unfit_master
 from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.records import Standing, answers_of
 from station.states import StateMachine
@@ -356,6 +356,8 @@ class MeasuringCycle:
     def _commit(self, trigger: Trigger, record: CycleRecord) -> float | None:
         """Store the record; the time of the commit, or None when it is not certain that there was one."""
         checks = master_checks(record) if trigger.mode is Mode.MASTER_CHECK else ()
+        if trigger.mode is Mode.MASTER_CHECK and (why := unfit_master(record)) is not None:
+            self._note(Severity.WARNING, "no_master", why)
         committed_s = self._ledger.commit(record, checks)
         if committed_s is None:
             self._error = LineErrorCode.STORE_FAULT

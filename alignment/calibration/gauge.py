@@ -238,7 +238,8 @@ def judge_placing(placed: PlacedRig, limits: PlacingLimits | None = None) -> str
             f"the rig would be turned by {math.degrees(placed.turn_from_nominal):.1f}° against the vehicle, "
             f"at most {math.degrees(limits.turn_from_nominal):g}° are believable; "
             + ("" if slip is None else f"it would fit with {slip}: ")
-            + "check that the plate is the one the frame's description gives to this rig, and its rotation there"
+            + "check that the plate is the one the frame's description gives to this rig, and its rotation "
+            "there"
         )
     if placed.outliers > limits.outliers:
         return (

@@ -1,8 +1,8 @@
 """Whether plate and stage mean the same millimetre: a wrong pitch fits the images, and turns every angle.
 
-A plate whose marks are stated a factor k too far apart looks to a camera like one of another focal length. Only
-the stage's moves in the plate's plane tell, or tilted views; heights of the stage do not. What follows is a rig
-whose x and y are stretched against z, so that every camber and toe is wrong by that share of itself.
+A plate whose marks are stated a factor k too far apart looks like one before cameras of another focal length.
+Only the stage's moves in the plate's plane tell, or tilted views; heights of the stage do not. It makes
+a rig whose x and y are stretched against z, so that camber and toe are wrong by that share of themselves.
 """
 
 from __future__ import annotations
@@ -62,7 +62,9 @@ def scale_in_moves(adjustment: Adjustment) -> float | None:
 
 
 def stated_scale(
-    data: CalibrationInput, adjustment: Adjustment | None, refit: Callable[[CalibrationInput], Adjustment | None]
+    data: CalibrationInput,
+    adjustment: Adjustment | None,
+    refit: Callable[[CalibrationInput], Adjustment | None],
 ) -> tuple[float, str] | None:
     """Find the one factor by which the plate's marks are stated too far apart, against the stage.
 
@@ -120,8 +122,8 @@ def _sentence(plate: Plate, factor: float) -> str:
     unit = next((text for known, text in _UNITS.items() if abs(factor / known - 1.0) < _SAME_UNIT), None)
     by = f"{100.0 * (factor - 1.0):+.2f} %" if 0.5 < factor < 2.0 else f"a factor of {factor:.4g}"
     return (
-        f"plate and stage disagree in every view by one common scale, {by}: a pitch of {pitch / factor:.4g} mm "
-        f"would fit where {pitch:.4g} mm is stated"
+        f"plate and stage disagree in every view by one common scale, {by}: a pitch of "
+        f"{pitch / factor:.4g} mm would fit where {pitch:.4g} mm is stated"
         + ("" if unit is None else f", as would {unit}")
         + "; check the plate's pitch_mm and certificate first, then the unit of the stage"
     )

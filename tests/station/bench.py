@@ -46,6 +46,13 @@ KIND = VehicleType.model_validate(
 )
 
 
+_CERTIFIED = {"nominal_deg": 0.0, "tolerance_deg": 0.15}
+_MASTER_AXLE = {"camber": _CERTIFIED, "toe": _CERTIFIED}
+MASTER = VehicleType.model_validate(
+    {"number": 7, "name": "Master", "axles": {"front": _MASTER_AXLE, "rear": _MASTER_AXLE}}
+)
+
+
 class Clock:
     """Seconds that pass only while somebody waits on the line."""
 
@@ -263,7 +270,11 @@ class Bench:
         self.cycle = MeasuringCycle(
             Identity("station_1", "1.0", "abc"),
             positions,
-            {1: KIND, 9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}})},
+            {
+                1: KIND,
+                MASTER.number: MASTER,
+                9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}}),
+            },
             self.line,
             self.store,
             Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),

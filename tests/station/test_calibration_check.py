@@ -14,6 +14,7 @@ import pytest
 
 from alignment.calibration.check import CameraChange, PlateCheck, check_with_plate
 from alignment.calibration.observations import CalibrationInput
+from alignment.errors import ConfigurationError
 from alignment.geometry.cameras import PosedCamera
 from alignment.values import (
     HeadCalibration,
@@ -134,9 +135,9 @@ def test_certified_angles_belong_to_a_master_wheel(
 def test_the_session_of_another_rig_is_bad_input(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    written(tmp_path / "other.json", replace(true_rig(), rig="rear_right"))
+    written(tmp_path / "other.json", replace(true_rig(), rig="rear_left"))
     assert run("calibration", "check", session, "--calibration", tmp_path / "other.json") == 2
-    assert "expected 'rear_right', as in the calibration, found 'front_left'" in capsys.readouterr().err
+    assert "expected 'rear_left', as in the calibration, found 'front_left'" in capsys.readouterr().err
 
 
 def measured(camber: float, toe: float) -> WheelMeasurement:
@@ -288,3 +289,39 @@ def test_an_accepted_calibration_is_kept_with_what_was_found_and_what_was_left(t
     assert in_force is not None
     assert in_force.id == "cal-2"
     assert first.kind is CheckKind.PLATE_SESSION
+
+
+@pytest.mark.parametrize(
+    ("camber", "toe", "slip"),
+    [
+        (0.8, 0.2, "the opposite sign of the camber"),
+        (-0.8, -0.2, "the opposite sign of the toe"),
+        (0.8, -0.2, "both signs turned round"),
+        (0.2, -0.8, "camber and toe exchanged"),
+    ],
+)
+def test_a_slip_in_the_certificate_is_not_blamed_on_the_rig(camber: float, toe: float, slip: str) -> None:
+    """It was "calibrate the rig", and the check was stored as out of tolerance."""
+    found = measured(math.radians(-0.8), math.radians(0.2))
+    with pytest.raises(ConfigurationError, match=rf"--camber, --toe.*fit with {slip}.*nothing was stored"):
+        judge_master(found, MasterWheel(math.radians(camber), math.radians(toe)), CheckLimits())
+
+
+def test_a_rig_that_is_off_by_as_much_as_no_slip_explains_is_out() -> None:
+    found = measured(math.radians(-0.8), math.radians(0.2))
+    for camber in (0.79, -0.6):
+        master = MasterWheel(math.radians(camber), math.radians(0.2))
+        assert judge_master(found, master, CheckLimits())[0] is CheckOutcome.OUT
+
+
+def test_a_small_angle_whose_sign_would_fit_is_still_a_rig_that_moved() -> None:
+    found = measured(4.9 * ARCMIN, 0.0)
+    assert judge_master(found, MasterWheel(-4.9 * ARCMIN, 0.0), CheckLimits())[0] is CheckOutcome.OUT
+
+
+def test_a_tolerance_above_what_is_believed_of_a_zero_checks_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ("calibration", "check", tmp_path, "--calibration", tmp_path / "c.json", "--tolerance", 10.01)
+    assert run(*command) == 2
+    assert "--tolerance" in capsys.readouterr().err

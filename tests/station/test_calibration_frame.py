@@ -135,6 +135,7 @@ def test_a_plate_turned_in_the_frame_s_description_is_noticed(
     said = json.loads(capsys.readouterr().out)
     assert said["outcome"] == "refused"
     assert "the rig would be turned by" in said["reason"]
+    assert "it would fit with three quarters of a turn about its z axis" in said["reason"]
     assert not out.exists()
 
 
@@ -165,6 +166,7 @@ def empty(folder: Path) -> None:
     ],
 )
 def test_what_does_not_belong_together_is_named(
+    session: Path,
     copy: Path,
     frame: Path,
     tmp_path: Path,
@@ -176,11 +178,7 @@ def test_what_does_not_belong_together_is_named(
     arguments = known(copy, rigs)
     spoil(copy)
     if "front_right" not in {path.name for path in copy.iterdir()}:
-        shutil.copytree(copy / "front_left", tmp_path / "spare")
-        arguments = known(copy, ("front_left",))
-        other = json.loads((tmp_path / "spare" / "calibration.json").read_text()) | {"rig": "front_right"}
-        (tmp_path / "other.json").write_text(json.dumps(other))
-        arguments += ["--calibration", tmp_path / "other.json"]
+        arguments = known(copy, ("front_left",)) + known(session, ("front_right",))
     out = tmp_path / "placed"
     assert run("calibration", "frame", copy, *arguments, "--frame", frame, "--out", out) == 2
     assert expected in capsys.readouterr().err

@@ -95,7 +95,7 @@ BOUNDS = (
     Bounds(CameraOptions, "gain_db", 0.0, 0.0, -JUST, 60.0, 60.001),
     Bounds(MeasureOptions, "minimum_points", 300, 10, 9, 1_000_000, 1_000_001),
     Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 10.0, 10.001),
-    Bounds(MeasureOptions, "coverage_factor", 2.0, 1.0, 0.999, 5.0, 5.001),
+    Bounds(MeasureOptions, "coverage_factor", 2.0, 1.6, 1.599, 5.0, 5.001),
     Bounds(SimulatedOptions, "seed", 1, 0, -1, 4_294_967_295, 4_294_967_296),
     Bounds(SimulatedOptions, "camber_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
     Bounds(SimulatedOptions, "toe_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
@@ -279,3 +279,63 @@ def numbers_without_bounds(schema: dict[str, Any]) -> list[str]:
 def test_no_number_is_open_to_one_side(model: type[BaseModel]) -> None:
     assert numbers_without_bounds(model.model_json_schema()) == []
     assert numbers_without_bounds({"title": "T", "properties": {"x": {"type": "number", "minimum": 0}}})
+
+
+WIDEST = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}
+
+
+@pytest.mark.parametrize("name", WIDEST)
+@pytest.mark.parametrize("centre", [0.0, -0.7])
+def test_limits_that_are_arcminutes_are_refused_with_what_they_are_in_degrees(
+    name: str, centre: float
+) -> None:
+    """A tolerance of 5′ written as 5 was taken as 5°: every wheel was accepted."""
+
+    def vehicle(**tolerance: float) -> VehicleType:
+        good = {"lower_deg": -0.5, "upper_deg": 0.5}
+        axle = {"camber": good, "toe": good}
+        whole = {"number": 1, "name": "Car", "axles": {"front": axle}}
+        if name == "thrust_angle":
+            return VehicleType.model_validate(whole | {name: tolerance})
+        return VehicleType.model_validate(whole | {"axles": {"front": axle | {name: tolerance}}})
+
+    widest = WIDEST[name]
+    vehicle(nominal_deg=centre, tolerance_deg=widest)
+    vehicle(lower_deg=centre - widest, upper_deg=centre + widest)
+    for far in (
+        {"nominal_deg": centre, "tolerance_deg": 1.01 * widest},
+        {"lower_deg": centre - 1.02 * widest, "upper_deg": centre + widest},
+        {"nominal_deg": centre, "tolerance_deg": 5.0},
+    ):
+        with pytest.raises(ValidationError) as caught:
+            vehicle(**far)
+        (details,) = caught.value.errors()
+        inner = details["ctx"]["error"]
+        assert inner.field == name
+        assert inner.expected == f"limits at most ±{widest:g}° wide"
+        assert "arcminutes taken for degrees" in inner.cure
+
+
+def test_limits_in_the_wrong_order_are_said_to_be_exchanged() -> None:
+    with pytest.raises(ValidationError) as caught:
+        Tolerance.model_validate({"lower_deg": 0.5, "upper_deg": -0.5})
+    (details,) = caught.value.errors()
+    assert details["ctx"]["error"].cure == "It would fit with the two exchanged"
+
+
+@pytest.mark.parametrize(
+    ("k", "words"),
+    [
+        (0.95, "0.95 would be a level of confidence"),
+        (95.0, "95 would be a level of confidence"),
+        (1.0, "1 would make every u95 a standard uncertainty"),
+        (20.0, "2 stands for about 95 %"),
+    ],
+)
+def test_a_coverage_factor_that_is_none_is_told_as_what_it_is(k: float, words: str) -> None:
+    """With 1 every value called u95 was a standard uncertainty, and guard bands were half as wide."""
+    with pytest.raises(ValidationError) as caught:
+        MeasureOptions.model_validate({"coverage_factor": k})
+    (details,) = caught.value.errors()
+    assert details["loc"] == ("coverage_factor",)
+    assert words in details["ctx"]["error"].cure

@@ -21,7 +21,9 @@ from station.line.messages import (
     Stop,
 )
 from station.wheels import WheelPosition
-from tests.station.bench import TODAY, WHEELS, Bench, camera_error, measurement, open_bench
+from tests.station.bench import MASTER, TODAY, WHEELS, Bench, camera_error, measurement, open_bench
+
+SIGN = {"camber": 0.8, "toe": 0.2}
 
 
 @pytest.fixture
@@ -32,7 +34,7 @@ def bench() -> Iterator[Bench]:
 
 def test_master_wheel_is_stored_as_a_check_too(bench: Bench) -> None:
     bench.found["rear_left"] = measurement(toe=0.02)
-    bench.trigger(mode=Mode.MASTER_CHECK)
+    bench.trigger(vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
     outcomes = {check.calibration_id: check.outcome for check in bench.store.checks}
     assert outcomes == {
         f"cal-{wheel}": CheckOutcome.OUT if wheel == "rear_left" else CheckOutcome.WITHIN for wheel in WHEELS
@@ -139,7 +141,7 @@ def test_zero_measurement_of_this_rig_and_calibration_alone_corrects(bench: Benc
 
 def test_refused_master_is_no_check(bench: Bench) -> None:
     bench.found["rear_left"] = Refusal(RefusalCode.HEAD_DARK, "no light lines")
-    bench.trigger(wheels=["rear_left", "front_left"], mode=Mode.MASTER_CHECK)
+    bench.trigger(wheels=["rear_left", "front_left"], vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
     (check,) = bench.store.checks
     assert (check.calibration_id, check.outcome) == ("cal-front_left", CheckOutcome.WITHIN)
     (wheel,) = (wheel for wheel in bench.store.cycles[0].wheels if wheel.wheel == "front_left")
@@ -161,6 +163,29 @@ def test_master_without_a_verdict_is_not_within(bench: Bench, monkeypatch: pytes
     monkeypatch.setattr(
         WheelPosition, "run", lambda self, zeros: replace(run(self, zeros), calibration_valid=False)
     )
-    bench.trigger(wheels=["front_left"], mode=Mode.MASTER_CHECK)
+    bench.trigger(wheels=["front_left"], vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
     (check,) = bench.store.checks
     assert check.outcome is CheckOutcome.OUT
+
+
+def test_limits_of_an_ordinary_vehicle_check_no_calibration(bench: Bench) -> None:
+    """Limits of half a degree made every calibration "within", whatever it was."""
+    bench.trigger(mode=Mode.MASTER_CHECK)
+    assert bench.store.checks == []
+    assert len(bench.store.cycles) == 1
+    (event,) = (event for event in bench.store.events if event.code == "no_master")
+    assert "front_left" in event.text
+    assert "wider than ±10′" in event.text
+
+
+def test_a_slip_in_a_master_s_limits_is_named(bench: Bench) -> None:
+    angles = {"camber": math.radians(-0.8), "toe": math.radians(0.2)}
+    certified = {name: {"nominal_deg": degrees, "tolerance_deg": 0.05} for name, degrees in SIGN.items()}
+    bench.cycle._vehicle_types[MASTER.number] = MASTER.model_validate(
+        MASTER.model_dump(exclude_none=True) | {"axles": {"front": certified, "rear": certified}}
+    )
+    bench.found["front_left"] = measurement(**angles)
+    bench.trigger(wheels=["front_left"], vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
+    (check,) = bench.store.checks
+    assert check.outcome is CheckOutcome.OUT
+    assert "they would fit with the opposite sign of the camber" in check.reason

@@ -26,6 +26,7 @@ from station.line.messages import (
 )
 from tests.station.bench import (
     GATE_S,
+    MASTER,
     VIN,
     WHEELS,
     Bench,
@@ -221,7 +222,7 @@ def test_record_that_no_database_takes_does_not_keep_the_station_at_fault(
 
 def test_master_is_no_good_check_before_its_cycle_is_stored(bench: Bench) -> None:
     bench.store.hold = Delay(is_cycle)
-    bench.trigger(mode=Mode.MASTER_CHECK)
+    bench.trigger(vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
     assert bench.store.checks == []
     bench.store.hold.gate.set()
     assert bench.cycle._ledger.settle()

@@ -15,6 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import sensors.formats
+import station.commands.zero
 import station.zero
 from alignment.errors import ConfigurationError
 from alignment.values import MeasureSettings, WheelMeasurement
@@ -39,7 +41,10 @@ def master(monkeypatch: pytest.MonkeyPatch) -> None:
     found = replace(measurement(), camber=MEASURED[0], toe=MEASURED[1], angle_covariance=1e-12 * np.eye(2))
     assert isinstance(found, WheelMeasurement)
     monkeypatch.setattr(station.zero, "measure_wheel", lambda *_: found)
-    monkeypatch.setattr(station.zero, "read_shot", lambda *_: SimpleNamespace(images=(), time_utc=NOON))
+    shot = SimpleNamespace(images=(), time_utc=NOON)
+    monkeypatch.setattr(station.zero, "read_shot", lambda *_: shot)
+    monkeypatch.setattr(sensors.formats, "read_shot", lambda *_: shot)
+    monkeypatch.setattr(station.commands.zero, "compiled_for_images", lambda *_: None)
 
 
 def measured(camber: float, toe: float, u: float = 0.0, **more: object) -> object:
@@ -75,6 +80,7 @@ def test_a_station_may_believe_more_or_less() -> None:
         ((-0.8, -0.2), "It would fit with the opposite sign of the toe"),
         ((0.8, -0.2), "It would fit with both signs turned round"),
         ((0.2, -0.8), "It would fit with camber and toe exchanged"),
+        ((-0.01396, 0.00349), "It would fit with radians taken for degrees"),
         ((2.0, 2.0), "Check master wheel, certificate and calibration"),
     ],
 )

@@ -15,6 +15,7 @@ from alignment.calibration.gauge import (
     PlacingLimits,
     judge_placing,
     place_rig,
+    placing_in_doubt,
     predicted_u95,
     transfer_u95,
 )
@@ -250,3 +251,40 @@ def test_views_that_are_no_gauge_view_are_refused() -> None:
         place_rig(replace(data, views=(PlateView("empty", None, {}),)), known_rig(), CERTIFICATE)
     with pytest.raises(DegenerateInputError, match="cameras of calibration"):
         place_rig(data, known_rig().without_head(0), CERTIFICATE)
+
+
+def test_what_turns_every_later_wheel_needs_a_reason() -> None:
+    """A rig askew by up to 10° was placed without a word, and so was one that had moved by degrees."""
+    found = placed(EXACT)
+    assert not found.was_measured
+    ten = 10.0 * ARCMIN
+    for changed, believed in (
+        (replace(found, turn_from_nominal=math.radians(1.99)), True),
+        (replace(found, turn_from_nominal=math.radians(2.01)), False),
+        (replace(found, camber_change=1.1 * ten), True),
+        (replace(found, was_measured=True, camber_change=-0.99 * ten, toe_change=0.99 * ten), True),
+        (replace(found, was_measured=True, camber_change=-1.01 * ten), False),
+        (replace(found, was_measured=True, toe_change=1.01 * ten), False),
+    ):
+        assert judge_placing(changed) is None
+        assert (placing_in_doubt(changed) is None) == believed
+
+
+def test_a_rig_placed_anew_is_compared_with_where_it_stood() -> None:
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    first = place_rig(data, known_rig(), CERTIFICATE)
+    leaning = CERTIFICATE.vehicle_from_plate.perturbed(np.array([math.radians(0.5), 0.0, 0.0]), np.zeros(3))
+    again = place_rig(data, first.calibration, replace(CERTIFICATE, vehicle_from_plate=leaning))
+    assert placing_in_doubt(first) is None
+    said = placing_in_doubt(again)
+    assert said is not None
+    assert "against the pose that a gauge frame gave before" in said
+
+
+def test_plates_of_the_other_side_are_named() -> None:
+    found = placed(EXACT)
+    other = nominal_vehicle_from_rig("right")
+    calibration = replace(found.calibration, vehicle_from_rig=other)
+    said = judge_placing(replace(found, calibration=calibration, turn_from_nominal=math.pi))
+    assert said is not None
+    assert "it would fit with left and right exchanged" in said
