@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,10 @@ RNG = np.random.default_rng
 
 def moved_by(seen: MarkObservations, shift: tuple[float, float]) -> MarkObservations:
     return replace(seen, pixels=seen.pixels + np.array(shift))
+
+
+def first_of(seen: MarkObservations, count: int) -> MarkObservations:
+    return MarkObservations(seen.marks[:count], seen.pixels[:count], seen.covariance[:count], seen.corrected)
 
 
 def rig() -> RigCalibration:
@@ -81,6 +86,28 @@ def test_shifted_images_are_told_by_how_far_along_each_axis() -> None:
         # Projected less observed.
         expected = (-0.7, 0.3) if each.camera == key else (0.0, 0.0)
         assert each.shift_px == pytest.approx(expected, abs=2e-3), each.camera
+        assert each.rms_px == pytest.approx(math.hypot(*expected), abs=3e-3), each.camera
+    marks = np.array([each.marks for each in found.cameras])
+    of_all = math.sqrt(np.square([each.rms_px for each in found.cameras]) @ marks / marks.sum())
+    assert found.rms_px == pytest.approx(of_all)
+
+
+@pytest.mark.parametrize("marks", [5, 6])
+def test_a_camera_that_saw_hardly_any_marks_is_named(marks: int) -> None:
+    """Six coordinates of its pose from fewer than six marks would fit anything."""
+    calibration = rig()
+    views = observe(cameras_of(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT)
+    few = []
+    for view, number in zip(views.data.views, (marks - 3, 3), strict=True):
+        seen = dict(view.observations)
+        seen["head_3", "right"] = first_of(seen["head_3", "right"], number)
+        few.append(replace(view, observations=seen))
+    data = replace(views.data, views=tuple(few))
+    if marks == 6:
+        assert check_with_plate(data, calibration).cameras[-1].marks == 6
+    else:
+        with pytest.raises(DegenerateInputError, match=r"'head_3 right': expected at least 6 marks.*found 5"):
+            check_with_plate(data, calibration)
 
 
 def test_a_stage_position_that_is_wrong_by_far_stays_in_the_residuals() -> None:

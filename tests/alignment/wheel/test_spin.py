@@ -144,17 +144,56 @@ def test_the_stated_run_out_is_that_of_many_series() -> None:
     assert np.std(errors) / math.sqrt(np.square(stated).mean()) == pytest.approx(0.95, abs=0.1)
 
 
+def waved(wave: float, shots: int = 12) -> tuple[list[WheelMeasurement], float]:
+    """Shots of a full turn with three waves on their circle, and the scatter that this is, radians.
+
+    No axis and no run-out follows three waves, so that all of it is residual.
+    """
+    turns = 2.0 * math.pi * np.arange(shots) / shots
+    off = wave * np.cos(3.0 * turns)
+    planes = [series(np.array([t]), run_out=RUN_OUT + o)[0] for t, o in zip(turns, off, strict=True)]
+    return planes, math.sqrt(float(np.square(off).sum()) / (shots - 3))
+
+
 def test_shots_noisier_than_stated_are_counted_with_the_three_unknowns_of_a_cone() -> None:
     """Divided by the number of shots, the noise of a few looks smaller than it is: of eight by a fifth."""
-    shots, wave = 12, 3.0 * NOISE
-    turns = 2.0 * math.pi * np.arange(shots) / shots
-    # Three waves on the circle: no axis and no run-out follows them, so that all of it is residual.
-    planes = [series(np.array([t]), run_out=RUN_OUT + wave * math.cos(3.0 * t))[0] for t in turns]
+    planes, scatter = waved(3.0 * NOISE)
     found = accepted(fit_spin_axis(planes, "left"))
     assert found.run_out == pytest.approx(RUN_OUT, abs=1e-3 * NOISE)
-    variance = float(np.square(wave * np.cos(3.0 * turns)).sum()) / (shots - 3)
     # Each shot sees one of both tilts: together they are known as from half of them.
-    assert found.angle_covariance == pytest.approx(variance * 2.0 / shots * np.eye(2), rel=0.01, abs=1e-13)
+    expected = scatter**2 * 2.0 / len(planes) * np.eye(2)
+    assert found.angle_covariance == pytest.approx(expected, rel=0.01, abs=1e-13)
+
+
+def test_shots_may_scatter_by_an_arcminute() -> None:
+    (_, of_one), limit = waved(ARCMIN), ARCMIN
+    planes, _ = waved(0.98 * limit * ARCMIN / of_one)
+    accepted(fit_spin_axis(planes, "left"))
+    planes, _ = waved(1.02 * limit * ARCMIN / of_one)
+    found = refused(fit_spin_axis(planes, "left"))
+    assert found.code is RefusalCode.INCONSISTENT_SHOTS
+    assert "the others scatter by 1.02′" in found.reason
+
+
+@pytest.mark.parametrize(("degrees", "is_one"), [(4.95, True), (5.05, False)])
+def test_a_tyre_may_sit_aslant_by_five_degrees(degrees: float, is_one: bool) -> None:
+    found = fit_spin_axis(series(FULL_TURN, run_out=math.radians(degrees)), "left")
+    if is_one:
+        assert accepted(found).run_out == pytest.approx(math.radians(degrees))
+    else:
+        assert refused(found).code is RefusalCode.INCONSISTENT_SHOTS
+
+
+@pytest.mark.parametrize("run_out", [RUN_OUT, 0.0])
+@pytest.mark.parametrize("factor", [1.0, 3.0])
+def test_the_expanded_uncertainty_has_the_factor_of_the_shots(run_out: float, factor: float) -> None:
+    """With two in place of it, a station that asks for three would be told too little."""
+    rng = np.random.default_rng(6)
+    shots = series(FULL_TURN, run_out=run_out, noise=NOISE, rng=rng)
+    found = accepted(fit_spin_axis([replace(m, coverage_factor=factor) for m in shots], "left"))
+    assert (found.run_out is None) == (run_out == 0.0)
+    assert found.camber_u95 == pytest.approx(factor * math.sqrt(found.angle_covariance[0, 0]))
+    assert found.toe_u95 == pytest.approx(factor * math.sqrt(found.angle_covariance[1, 1]))
 
 
 @pytest.mark.parametrize("arc_deg", [5.0, 30.0])
@@ -208,6 +247,21 @@ def test_two_wrong_shots_of_eight_are_left_out() -> None:
     assert [k for k, used in enumerate(found.used) if not used] == [2, 5]
     assert_angle_within(found.camber, 0.01, 1e-4, "camber")
     assert_angle_within(found.toe, -0.02, 1e-4, "toe")
+
+
+@pytest.mark.parametrize("shots", [8, 11, 12])
+def test_more_wrong_shots_than_a_quarter_are_not_left_out(shots: int) -> None:
+    turns = 2.0 * math.pi * np.arange(shots) / shots
+    rng = np.random.default_rng(shots)
+    for wrong, is_one in ((shots // 4, True), (shots // 4 + 1, False)):
+        planes = series(turns, noise=NOISE, rng=rng)
+        for k in range(wrong):
+            planes[2 * k] = plane(0.02 + 0.003 * k, -0.03 * (-1) ** k)
+        found = fit_spin_axis(planes, "left")
+        if is_one:
+            assert accepted(found).shots_used == shots - wrong
+        else:
+            assert refused(found).code is RefusalCode.INCONSISTENT_SHOTS
 
 
 def test_run_out_below_the_noise_leaves_the_turn_unknown() -> None:
