@@ -117,7 +117,8 @@ def test_raised_letters_and_a_valve_lose_their_weight() -> None:
 
 
 def test_predicted_covariance_is_the_scatter() -> None:
-    """Within 25 % as before, a covariance half as large again passed."""
+    """Within 25 % as before, a covariance half as large again passed; within 10 %, the slope of the
+    weights taken once for twice."""
     errors, stated = [], []
     for seed in range(250):
         points, cluster, normal = wheel_points(
@@ -128,7 +129,8 @@ def test_predicted_covariance_is_the_scatter() -> None:
         stated.append(result.covariance)
     # 500 errors know a standard deviation to 3 %.
     ratio = math.sqrt(np.square(errors).mean() / np.mean([np.trace(c) / 2.0 for c in stated]))
-    assert ratio == pytest.approx(1.0, abs=0.1)
+    # A twentieth too much is stated; of too little hardly anything.
+    assert ratio == pytest.approx(0.96, abs=0.06)
 
 
 def test_a_plane_is_biased_where_the_heads_see_different_parts_of_the_sidewall() -> None:
