@@ -12,6 +12,7 @@ import shlex
 import tomllib
 from collections import Counter
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ import pytest
 from typer.main import get_command
 
 from db.migrate import migrate
+from db.records import EventRecord, Severity
+from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
 from station.cli import app, main
 from station.config import StationConfig
@@ -77,13 +80,16 @@ RUN_ELSEWHERE = {
     ("docs/line-interface.md", "c"): (1, "tests/station/line/test_page_code.py"),
     ("docs/line-interface.md", "iecst"): (2, "tests/station/line/test_page_plc.py"),
     ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/test_page_plc.py"),
-    ("docs/database.md", "sql"): (1, "tests/db/test_access.py"),
+    ("docs/database.md", "sql"): (2, "tests/db/test_access.py"),
 }
 
 
 def python_runs(fence: Fence, folder: Path) -> None:
     if "results.db" in fence.text:
         migrate(f"sqlite:///{folder / 'results.db'}")
+        with ResultStore(f"sqlite:///{folder / 'results.db'}") as store:
+            noon = datetime(2026, 11, 22, 12, tzinfo=UTC)
+            store.record_event(EventRecord(noon, "EOL-1", Severity.INFO, "station", "started", "started"))
     exec(compile(fence.text, fence.name, "exec"), {})
 
 
@@ -95,6 +101,13 @@ def shell_is_understood(fence: Fence, folder: Path) -> None:
                 assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
             case [".venv/bin/truewheel" | "truewheel", *arguments]:
                 understood(arguments)
+            case ["systemctl" | "journalctl", *_] | [
+                "python3" | "/opt/truewheel/bin/python",
+                "-m",
+                "pip" | "venv",
+                *_,
+            ]:
+                pass  # The installation as Python has it.
             case [".venv/bin/python" | "python", "-m", module, *_]:
                 assert importlib.util.find_spec(module), line
             case [".venv/bin/python" | "python", script, *_]:
