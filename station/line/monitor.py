@@ -133,14 +133,14 @@ def _reader(file: Path, binary: BinaryIO) -> Iterable[can.Message]:
 class _Lines(io.TextIOWrapper):
     """Lines of a log, none longer than any log has: a file of zeros is one line without an end."""
 
-    def readline(self, size: int = -1, /) -> str:
+    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]
         line = super().readline(_LONGEST_LINE if size < 0 else min(size, _LONGEST_LINE))
         if len(line) == _LONGEST_LINE or "\0" in line:
             what = "bytes of zero" if "\0" in line else f"a line of {_LONGEST_LINE} characters and more"
             raise ValueError(f"{what}, which no log has,")
         return line
 
-    def __next__(self) -> str:
+    def __next__(self) -> str:  # type: ignore[override]
         if line := self.readline():
             return line
         raise StopIteration

@@ -26,11 +26,6 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.calibration.equations._linearise": (
             "int64[::1]; int64[::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
-        "alignment.calibration.prediction._derivatives": (
-            "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
-        ),
-        "alignment.geometry.distortion.project_many": ("float64[:, ::1]; float64[::1]",),
-        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
         "alignment.imaging.mark_ellipse.fit_ellipses": (
             "uint8[:, ::1]; float64[:, ::1]; boolean[::1]; float64",
         ),
@@ -39,6 +34,11 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "measure_16": {
+        "alignment.calibration.prediction._derivatives": (
+            "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
+        ),
+        "alignment.geometry.distortion.project_many": ("float64[:, ::1]; float64[::1]",),
+        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
         "alignment.imaging.extraction.extract_all": (
             "ListType(uint16[:, ::1]); int64[:, ::1]; int64; float64[:, ::1]; float64; boolean; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; int64[:, ::1]; float64[:, :, ::1]; int64[:, ::1]",
         ),
@@ -85,6 +85,11 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "measure_8": {
+        "alignment.calibration.prediction._derivatives": (
+            "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
+        ),
+        "alignment.geometry.distortion.project_many": ("float64[:, ::1]; float64[::1]",),
+        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
         "alignment.imaging.extraction.extract_all": (
             "ListType(uint8[:, ::1]); int64[:, ::1]; int64; float64[:, ::1]; float64; boolean; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; int64[:, ::1]; float64[:, :, ::1]; int64[:, ::1]",
         ),
@@ -131,7 +136,6 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "plate_images": {
-        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
         "sensors.simulation.plate._plate_radiance": (
             "float64[:, :, ::1]; Array(float64, 2, 'C', True); float64[::1]; float64[:, ::1]; boolean[::1]; int64[:, ::1]; float64[::1]; float64[::1]; float32[:, ::1]",
         ),
@@ -142,15 +146,9 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "float64[:, ::1]; float64[::1, :]",
             "float64[::1, :]; float64[:, ::1]",
         ),
-        "alignment.calibration.prediction._derivatives": (
-            "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
-        ),
-        "alignment.geometry.distortion.project_many": ("float64[:, ::1]; float64[::1]",),
-        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
     },
     "spin": {},
     "wheel_images": {
-        "alignment.geometry.distortion.unproject_many": ("float64[:, ::1]; float64[::1]",),
         "sensors.simulation.projector.may_light": ("float64[:, ::1]; float64; int64; float64[:, ::1]",),
         "sensors.simulation.shading.shade_cells": (
             "int64; int64; uint8[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]; Array(float64, 2, 'C', True); named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1]); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1]); int64; float32[:, ::1]",

@@ -342,8 +342,9 @@ def wavy(size_px: float) -> list[StereoImages]:
 def test_points_that_leave_a_surface_of_revolution_by_half_a_millimetre_are_no_wheel() -> None:
     # So uncertain a calibration explains what looks like moved heads.
     vague = rendered.known_rig(3e-4)
-    found = measured(wavy(1.03), vague)
-    assert 0.47 < found.residual_rms_mm < 0.5
+    # Such waves fit no calibration either; but up to the half millimetre that is what is told.
+    inside = measure_wheel(wavy(1.03), vague, SETTINGS)
+    assert isinstance(inside, WheelMeasurement) or inside.code is RefusalCode.HEAD_MOVED
     reason = refused(RefusalCode.NOT_A_WHEEL, wavy(1.09), vague)
     seen = re.search(r"by ([\d.]+) mm RMS, at most 0.5", reason)
     assert seen is not None
@@ -360,22 +361,21 @@ def test_images_of_heads_in_another_order_are_no_wheel() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_head_that_does_not_stand_where_it_was_calibrated_is_named(known: bool) -> None:
-    """Allowed: three stated deviations, or 10 µm where none are stated, and what noise does."""
+    """A turn of 0.1′ is within what is known, 0.6′ of a known calibration and 6′ of any other are not."""
     calibration = rendered.known_rig() if known else rendered.rig()
-    allowed = {}
-    for turn in (-0.02, -0.01, 0.01, 0.02, -0.1, 0.1):
-        found = measure_wheel(rendered.images(), rendered.turned_head(calibration, 2, turn), SETTINGS)
-        if abs(turn) < (0.015 if known else 0.03):
-            assert isinstance(found, WheelMeasurement), (turn, found)
-        if abs(turn) == 0.1:
-            assert isinstance(found, Refusal), turn
-            assert (found.code, found.head) == (RefusalCode.HEAD_MOVED, "head_3")
-            seen = re.search(r"explains (\d+) µm of its residuals, noise at most (\d+) µm", found.reason)
-            assert seen is not None
-            assert int(seen[1]) > int(seen[2])
-            allowed[turn] = int(seen[2])
-    # 3 · 0.02 mm · √(5 / 3700) of noise on top of 3 or 10 µm.
-    assert all(value == pytest.approx(6 if known else 13, abs=2) for value in allowed.values()), allowed
+    within, beyond = (0.002, 0.01) if known else (0.01, 0.1)
+    for turn in (-within, within):
+        found = measured(rendered.images(), rendered.turned_head(calibration, 2, turn))
+        assert found.warning is None, turn
+    for turn in (-beyond, beyond, -0.1, 0.1):
+        refusal = measure_wheel(rendered.images(), rendered.turned_head(calibration, 2, turn), SETTINGS)
+        assert isinstance(refusal, Refusal), turn
+        assert (refusal.code, refusal.head) == (RefusalCode.HEAD_MOVED, "head_3")
+    seen = re.search(r"explains (\d+) µm of the residuals, noise at most (\d+) µm", refusal.reason)
+    assert seen is not None
+    assert int(seen[1]) > int(seen[2])
+    # 3 · 0.02 mm · √(5 / 3700) of noise on top of three stated deviations, or of 10 µm.
+    assert int(seen[2]) == pytest.approx(6 if known else 13, abs=2)
 
 
 # The measuring volume.
