@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from types import TracebackType
-from typing import Self
+from typing import Concatenate, ParamSpec, Self, TypeVar
 
 from sqlalchemy import Connection, Engine
 
@@ -13,6 +14,9 @@ from alignment.errors import StoreError
 from db.engine import describe, make_engine, parse_url
 from db.failures import store_errors
 from db.migrate import check_revision, require_file
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
 
 
 class ResultReader:
@@ -80,3 +84,16 @@ class ResultReader:
             raise StoreError(f"database {self._where} is not open. Open the reader first")
         with store_errors(self._where), self._engine.connect() as connection, connection.begin():
             yield connection
+
+
+def question(
+    ask: Callable[Concatenate[ResultReader, _P], _T],
+) -> Callable[Concatenate[ResultReader, _P], _T]:
+    """Let a question end in a `StoreError` also where what was read cannot be made an answer: damage."""
+
+    @wraps(ask)
+    def asked(reader: ResultReader, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        with store_errors(reader.where):
+            return ask(reader, *args, **kwargs)
+
+    return asked

@@ -22,7 +22,7 @@ from sqlalchemy import (
 from db.partial_sums import OF_AXLE, OF_WHEEL
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
-from db.queries.reader import ResultReader
+from db.queries.reader import ResultReader, question
 from db.records import StoredCycle
 from db.rows import CYCLES, read_cycles
 from db.schema import (
@@ -66,6 +66,7 @@ class ValueSeries:
         return len(self.value)
 
 
+@question
 def value_series(
     reader: ResultReader,
     characteristic: Characteristic,

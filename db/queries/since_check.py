@@ -30,7 +30,7 @@ from sqlalchemy import (
 
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Filter, about_cycles, at_stations, known_stations
-from db.queries.reader import ResultReader
+from db.queries.reader import ResultReader, question
 from db.records import CheckKind, CheckOutcome, CycleOutcome
 from db.schema import (
     calibration_checks,
@@ -132,6 +132,7 @@ class SinceCheck:
     vehicles: VehiclesSince
 
 
+@question
 def since_last_good_check(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[SinceCheck, ...]:
     """For each station and wheel the last master check within tolerance, and the vehicles measured since.
 

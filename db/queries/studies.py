@@ -7,13 +7,14 @@ from uuid import UUID
 from sqlalchemy import ColumnElement, or_, select
 
 from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
-from db.queries.reader import ResultReader
+from db.queries.reader import ResultReader, question
 from db.records import check_text
 from db.rows import STUDY_VALUES, record_of
 from db.schema import gauge_studies as study_rows
 from db.schema import gauge_values
 
 
+@question
 def gauge_studies(
     reader: ResultReader, kind: StudyKind | None = None, text: str | None = None
 ) -> tuple[GaugeStudyRecord, ...]:
@@ -31,6 +32,7 @@ def gauge_studies(
         return tuple(record_of(GaugeStudyRecord, row) for row in connection.execute(query).mappings())
 
 
+@question
 def gauge_study(reader: ResultReader, uuid: UUID) -> StoredGaugeStudy | None:
     """A study with its raw values, or None."""
     with reader.transaction() as connection:

@@ -38,7 +38,7 @@ from db.queries.filters import (
     known_stations,
     within,
 )
-from db.queries.reader import ResultReader
+from db.queries.reader import ResultReader, question
 from db.records import CycleOutcome, Verdict, WheelOutcome
 from db.schema import (
     axle_results,
@@ -169,6 +169,7 @@ class Moments:
         return math.sqrt(self.m2_within / self.dof_within) if self.dof_within else None
 
 
+@question
 def yield_counts(
     reader: ResultReader, where: Filter = EVERYTHING, by: Sequence[GroupBy] = ()
 ) -> tuple[YieldCounts, ...]:
@@ -183,6 +184,7 @@ def yield_counts(
     )
 
 
+@question
 def wheel_counts(
     reader: ResultReader, where: Filter = EVERYTHING, by: Sequence[GroupBy] = ()
 ) -> tuple[WheelCounts, ...]:
@@ -199,6 +201,7 @@ def wheel_counts(
     )
 
 
+@question
 def reasons(
     reader: ResultReader, where: Filter = EVERYTHING, by: Sequence[GroupBy] = ()
 ) -> tuple[ReasonCount, ...]:
@@ -229,6 +232,7 @@ def reasons(
     )
 
 
+@question
 def moments(
     reader: ResultReader,
     where: Filter = EVERYTHING,

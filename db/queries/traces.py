@@ -18,7 +18,7 @@ from db.queries.filters import (
     stations_of,
     within,
 )
-from db.queries.reader import ResultReader
+from db.queries.reader import ResultReader, question
 from db.queries.since_check import stations_using
 from db.records import (
     CalibrationCheckRecord,
@@ -92,6 +92,7 @@ class CheckOfStation:
     check: CalibrationCheckRecord
 
 
+@question
 def vin_history(reader: ResultReader, vin: str) -> VinHistory:
     """All cycles of a VIN, of every vehicle type, with everything that explains them."""
     check_text("vin", vin)
@@ -122,12 +123,14 @@ def vin_history(reader: ResultReader, vin: str) -> VinHistory:
         )
 
 
+@question
 def station_names(reader: ResultReader) -> tuple[str, ...]:
     """Every station that registered or has results."""
     with reader.transaction() as connection:
         return tuple(known_stations(connection))
 
 
+@question
 def events(
     reader: ResultReader, where: Filter = EVERYTHING, text: str | None = None, codes: Sequence[str] = ()
 ) -> tuple[EventRecord, ...]:
@@ -143,6 +146,7 @@ def events(
         return tuple(record_of(EventRecord, row) for row in connection.execute(query).mappings())
 
 
+@question
 def checks(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[CheckOfStation, ...]:
     """Checks of calibrations, in the order of their times; wheels of the filter are names of rigs."""
     with reader.transaction() as connection:

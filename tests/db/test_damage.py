@@ -173,6 +173,13 @@ def unclear(path: Path, out: Path) -> list[str]:
 COLUMNS = [(table.name, column.name) for table in metadata.sorted_tables for column in table.c]
 
 
+def test_text_in_place_of_an_uncertainty_is_damage_to_a_report_too(damaged: Path, tmp_path: Path) -> None:
+    """What was read was made an answer outside of the reading, and ended in a ValueError."""
+    for row in range(1, 5):
+        overwrite(damaged, "wheel_results", "toe_u", "'2026-13-45 99:99:99.000000'", row)
+    assert unclear(damaged, tmp_path) == []
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_wrong_values_in_cells_end_in_one_clear_error(sound: Path, tmp_path: Path, seed: int) -> None:
     """Tracebacks came of them: UnicodeDecodeError, TypeError, ValueError, from `db check` too."""
