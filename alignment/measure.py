@@ -273,6 +273,7 @@ def _evaluate(
         coverage_factor=settings.coverage_factor,
         knock_evidence=judgement.evidence,
         warning=_warning(judgement, calibration) if judgement.suspected else None,
+        unseen=_unseen(judgement),
     )
 
 
@@ -367,6 +368,13 @@ def _seen(judgement: Judgement) -> str:
     if math.isnan(row):
         rows = "too few crosses of light lines for its rows"
     return f"evidence {judgement.evidence or 0.0:.0f}, refused above {KNOCKED:.0f}; {rows}"
+
+
+def _unseen(judgement: Judgement) -> tuple[float, float] | None:
+    if judgement.unseen is None:
+        return None
+    camber, toe = map(float, judgement.unseen)
+    return camber, toe
 
 
 def _knocked(judgement: Judgement, calibration: RigCalibration) -> Refusal:

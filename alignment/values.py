@@ -260,6 +260,10 @@ class WheelMeasurement:
         was not judged.
     warning
         What is suspect, in words, and what to do; None where nothing is. The uncertainty then covers it.
+    unseen
+        (camber, toe), radians: by how much a movement of one camera or head since the calibration may change
+        them at most and yet show in none of this shot's images (found with 95 % probability beyond); None
+        where it was not judged. Not part of the uncertainty, which holds for the rig as calibrated.
     """
 
     camber: float
@@ -276,6 +280,7 @@ class WheelMeasurement:
     degraded: bool = False
     knock_evidence: float | None = None
     warning: str | None = None
+    unseen: tuple[float, float] | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

@@ -179,6 +179,9 @@ class WheelRecord:
         2 ln of the evidence that a camera or head moved since its calibration; see `WheelMeasurement`.
     warning
         What was suspect, for people; None where nothing was.
+    camber_unseen, toe_unseen
+        By how much a movement since the calibration that no image shows may change them, radians; not part of
+        the uncertainties. None where the shot was not judged.
     """
 
     wheel: str
@@ -207,6 +210,8 @@ class WheelRecord:
     row_px: float | None = None
     knock_evidence: float | None = None
     warning: str | None = None
+    camber_unseen: float | None = None
+    toe_unseen: float | None = None
 
     def __post_init__(self) -> None:
         check_values(self)

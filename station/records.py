@@ -78,6 +78,7 @@ def last_measured(evaluation: Evaluation) -> datetime | None:
 
 def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
     result, found, failure = wheel.result, wheel.result.measurement, wheel.result.failure
+    unseen = (None, None) if found is None or found.unseen is None else found.unseen
     return WheelRecord(
         wheel=result.wheel,
         outcome=WheelOutcome.MEASURED if failure is None else failure.outcome,
@@ -107,6 +108,8 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         else max((h.row_px for h in found.heads if h.row_px is not None), default=None),
         knock_evidence=None if found is None else found.knock_evidence,
         warning=None if found is None else found.warning,
+        camber_unseen=unseen[0],
+        toe_unseen=unseen[1],
     )
 
 

@@ -28,6 +28,8 @@ _NULL = 7e-4  # of an amount's own information, below which amounts are the prof
 _STEEP = 8.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
 _CLEAR = 14.0  # squared deviations that a movement must explain: where little is seen, evidence is even
 _SIZES = np.array([1.0, 0.25, 0.0625, 0.016])  # of knocks, in those that `KnockModel` tells of
+_FOUND = 1.645  # deviations by which a movement must be clear of the warning: found in 95 of 100 shots
+_LARGEST = 2.0  # knock that is asked after, in those that `KnockModel` tells of: 10′, 0.5 mm
 SUSPECT, KNOCKED = 2.5, 20.0
 """2 ln of the evidence ratio from which a shot is measured with a warning, and from which it is refused."""
 
@@ -52,6 +54,10 @@ class Judgement:
     covariance
         (2, 2) to add to that of the angles, radians²: the disagreement by its own size, as far as it is
         believed.
+    unseen
+        (2,) by how much a movement that no sign shows may change camber and toe, radians; None without
+        signs. Of all movements of one camera or head by up to 10′ and 0.5 mm, the most that is not found
+        with 95 % probability.
     row_px, row_sigma_px
         (H,) RMS over the view of each head's row field, and its standard deviation by noise and calibration,
         pixels; NaN where too few crosses were seen.
@@ -63,6 +69,7 @@ class Judgement:
     head: int
     angles: Array
     covariance: Array
+    unseen: Array | None
     row_px: Array
     row_sigma_px: Array
 
@@ -75,7 +82,7 @@ class Judgement:
 def unjudged(heads: int) -> Judgement:
     """Judgement of a shot that shows no signs, or of whose calibration nothing can be predicted."""
     unknown = np.full(heads, np.nan)
-    return Judgement(None, False, "", 0, np.zeros(2), np.zeros((2, 2)), unknown, unknown)
+    return Judgement(None, False, "", 0, np.zeros(2), np.zeros((2, 2)), None, unknown, unknown)
 
 
 def judge(
@@ -140,9 +147,41 @@ def judge(
         head=model.knocks[best].head,
         angles=np.einsum("s,se->e", share[best], errors[best]) / share[best].sum(),
         covariance=covariance,
+        unseen=_unseen(square * strength, strength, turned),
         row_px=row_px,
         row_sigma_px=row_sigma_px,
     )
+
+
+def _unseen(expected: Array, strength: Array, turned: Array) -> Array:
+    """(2,) largest change of the angles that movements make which are not found with 95 % probability.
+
+    A movement a along the axes explains Σ w (√λ a + z)² of the signs, z being their noise: a noncentral χ²,
+    taken as normal with its mean and variance. Each assumed size finds what lifts that above its own
+    threshold; a movement passes unseen only where all sizes miss it.
+
+    Parameters
+    ----------
+    expected
+        (K, S, 6) λ of each axis times the square of each assumed size.
+    strength
+        (K, 1, 6) λ, squared deviations by a movement of one unit.
+    turned
+        (K, 2, 6) change of the angles by it, radians.
+    """
+    weight = expected / (1.0 + expected)
+    freedom = weight.sum(axis=2)
+    # One size of one knock alone must outweigh all that are asked.
+    threshold = SUSPECT + 2.0 * np.log(freedom.size) + np.log1p(expected).sum(axis=2)
+    above = np.maximum(threshold, _CLEAR) - freedom
+    # above = x − _FOUND √(2 freedom + 4 x), solved for what a movement must add on the average.
+    clear = _FOUND**2
+    root = np.sqrt(np.maximum(4.0 * clear * (above + clear) + 2.0 * clear * freedom, 0.0))
+    least = np.maximum(above + 2.0 * clear + root, 1.0)
+    held = weight * strength / least[:, :, None] + 1.0 / _LARGEST**2
+    most = np.einsum("kei,ksi->kse", np.square(turned), 1.0 / held)
+    out: Array = np.sqrt(most.min(axis=1).max(axis=0))
+    return out
 
 
 def _signs(

@@ -202,6 +202,8 @@ wheel_results = Table(
     Column("row_px", Double),
     Column("knock_evidence", Double),
     Column("warning", Text),
+    Column("camber_unseen", Double),
+    Column("toe_unseen", Double),
     check("wheel_not_empty", "wheel <> ''"),
     check(
         "measured_is_complete",

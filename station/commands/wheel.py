@@ -83,6 +83,12 @@ def measure(
     elif found:
         typer.echo(f"camber {result['camber_deg']:+.4f}° ± {result['camber_u95_deg']:.4f}°")
         typer.echo(f"toe    {result['toe_deg']:+.4f}° ± {result['toe_u95_deg']:.4f}°")
+        if result["camber_unseen_deg"] is not None:
+            camber, toe = (60.0 * result[f"{angle}_unseen_deg"] for angle in ("camber", "toe"))
+            typer.echo(
+                "± holds as calibrated; a camera or head that moved since and shows in no image could add up "
+                f"to ±{camber:.2f}′ of camber and ±{toe:.2f}′ of toe"
+            )
         typer.echo(
             f"{result['method']}, {result['points_used']} points, residual "
             f"{result['residual_rms_mm']:.4f} mm, calibration {known.id}, {duration_ms:.0f} ms"
@@ -112,6 +118,8 @@ def measurement_as_json(
         "toe_deg": None,
         "camber_u95_deg": None,
         "toe_u95_deg": None,
+        "camber_unseen_deg": None,
+        "toe_unseen_deg": None,
         "plane": None,
         "points_used": None,
         "residual_rms_mm": None,
@@ -124,12 +132,15 @@ def measurement_as_json(
     }
     if isinstance(found, Refusal):
         return result | {"reason": found.reason, "reason_code": str(found.code)}
+    unseen = (None, None) if found.unseen is None else tuple(map(math.degrees, found.unseen))
     return result | {
         "outcome": "measured",
         "camber_deg": math.degrees(found.camber),
         "toe_deg": math.degrees(found.toe),
         "camber_u95_deg": math.degrees(found.camber_u95),
         "toe_u95_deg": math.degrees(found.toe_u95),
+        "camber_unseen_deg": unseen[0],
+        "toe_unseen_deg": unseen[1],
         "plane": {"normal": [float(n) for n in found.normal], "offset_mm": found.offset_mm},
         "points_used": int(found.points_used),
         "residual_rms_mm": float(found.residual_rms_mm),

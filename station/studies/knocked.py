@@ -3,8 +3,9 @@
 Rendered wheels before rigs of several kinds are measured with calibrations that err as their covariance says:
 so many intact rigs. Then a camera or a whole head is knocked, about or along each of its axes. The knock is
 put into the calibration, the other way round, in place of the images: what counts is how the two differ. A
-knock is missed where it is neither refused nor warned of, and changes an angle by more than the stated 95 %
-interval.
+knock is missed where it is neither refused nor warned of, and changes an angle by more than the result states:
+its 95 % interval as calibrated and what a movement that no image shows could add. Those beyond the interval as
+calibrated alone are counted, too.
 """
 
 from __future__ import annotations
@@ -151,19 +152,25 @@ def _row(
         "row_px": None,
         "change_arcmin": None,
         "change_over_u95": None,
+        "unseen_arcmin": None,
+        "change_over_stated": None,
     }
     if not isinstance(result, WheelMeasurement):
         return row
     rows = [head.row_px for head in result.heads if head.row_px is not None]
+    unseen = np.zeros(2) if result.unseen is None else np.array(result.unseen)
     row |= {
         "outcome": "measured" if result.warning is None else "warned",
         "evidence": result.knock_evidence,
         "row_px": max(rows, default=None),
+        "unseen_arcmin": float(unseen.max()) / ARCMIN,
     }
     if intact is not None:
         change = np.abs(np.array([result.camber, result.toe]) - intact)
         row["change_arcmin"] = float(change.max()) / ARCMIN
-        row["change_over_u95"] = float((change / [result.camber_u95, result.toe_u95]).max())
+        u95 = np.array([result.camber_u95, result.toe_u95])
+        row["change_over_u95"] = float((change / u95).max())
+        row["change_over_stated"] = float((change / (u95 + unseen)).max())
     return row
 
 
@@ -203,26 +210,35 @@ def summarise(rows: list[Row]) -> StudyResult:
     intact = [row for row in rows if not row["kind"]]
     moved = [row for row in rows if row["kind"]]
 
-    def ratio(row: Row) -> float:
-        return float(row["change_over_u95"] or 0.0)
+    def number(row: Row, name: str) -> float:
+        return float(row[name] or 0.0)
 
     alarms = sum(row["outcome"] != "measured" for row in intact)
-    missed = [row for row in moved if row["outcome"] == "measured" and ratio(row) > 1.0]
-    covered = sum(row["outcome"] == "warned" and ratio(row) > 1.0 for row in moved)
+    silent = [row for row in moved if row["outcome"] == "measured"]
+    beyond = [row for row in silent if number(row, "change_over_u95") > 1.0]
+    missed = [row for row in silent if number(row, "change_over_stated") > 1.0]
+    covered = sum(row["outcome"] == "warned" and number(row, "change_over_u95") > 1.0 for row in moved)
+    unseen = [number(row, "unseen_arcmin") for row in intact if row["outcome"] != "refused"]
     lines = [
-        "| knock | rigs | refused | warned | missed | largest change that was missed, ′ |",
-        "|---|---|---|---|---|---|",
+        "| knock | rigs | refused | warned | silent, beyond ± as calibrated | missed: beyond ± and unseen | "
+        "largest silent change, ′ |",
+        "|---|---|---|---|---|---|---|",
     ]
     for kind in map(str, KINDS):
         mine = [row for row in moved if row["kind"] == kind]
-        gone = [row for row in missed if row["kind"] == kind]
-        counts = [sum(row["outcome"] == outcome for row in mine) for outcome in ("refused", "warned")]
-        worst = max((float(row["change_arcmin"] or 0.0) for row in gone), default=0.0)
-        lines.append(f"| {kind} | {len(mine)} | {counts[0]} | {counts[1]} | {len(gone)} | {worst:.3f} |")
+        counts = [
+            *(sum(row["outcome"] == outcome for row in mine) for outcome in ("refused", "warned")),
+            *(sum(row["kind"] == kind for row in some) for some in (beyond, missed)),
+        ]
+        worst = max((number(row, "change_arcmin") for row in silent if row["kind"] == kind), default=0.0)
+        lines.append(f"| {kind} | {len(mine)} | {' | '.join(map(str, counts))} | {worst:.3f} |")
     figures = {
         "false_alarm_share": alarms / max(len(intact), 1),
         "missed_share": len(missed) / max(len(moved), 1),
-        "largest_missed_arcmin": max((float(row["change_arcmin"] or 0.0) for row in missed), default=0.0),
+        "beyond_as_calibrated_share": len(beyond) / max(len(moved), 1),
+        "largest_silent_change_arcmin": max((number(row, "change_arcmin") for row in silent), default=0.0),
+        "unseen_arcmin": float(np.median(unseen)) if unseen else 0.0,
+        "largest_unseen_arcmin": max(unseen, default=0.0),
         "warned_beyond_interval_share": covered / max(len(moved), 1),
         "highest_intact_evidence": max((float(row["evidence"] or 0.0) for row in intact), default=0.0),
         "intact_rigs": float(len(intact)),
@@ -231,12 +247,14 @@ def summarise(rows: list[Row]) -> StudyResult:
     goals = (
         Goal("false_alarm_share", "at_most", FALSE_ALARMS),
         Goal("missed_share", "at_most", MISSES),
+        Goal("beyond_as_calibrated_share", "at_most", MISSES),
     )
     text = f"""
 {len(intact)} intact rigs, {alarms} of them refused or warned of. {len(moved)} knocked ones, turned by
 {TURN_ARCMIN[0]:g} to {TURN_ARCMIN[1]:g}′ or shifted by {SHIFT_MM[0]:g} to {SHIFT_MM[1]:g} mm, small knocks
-as often as large ones: {len(missed)} were measured without a word though an angle changed by more than the
-stated 95 % interval.
+as often as large ones: {len(beyond)} were measured without a warning though an angle changed by more than the
+95 % interval as calibrated, {len(missed)} of them by more than that and what the result says that no image shows
+(`unseen`).
 
 """
     return StudyResult(tuple(rows), figures, goals, text + "\n".join(lines), {"knocked": _plot(moved)})
