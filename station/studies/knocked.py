@@ -3,9 +3,9 @@
 Rendered wheels before rigs of several kinds are measured with calibrations that err as their covariance says:
 so many intact rigs. Then a camera or a whole head is knocked, about or along each of its axes. The knock is
 put into the calibration, the other way round, in place of the images: what counts is how the two differ. A
-knock is missed where it is neither refused nor warned of, and changes an angle by more than the result states:
-its 95 % interval as calibrated and what a movement that no image shows could add. Those beyond the interval as
-calibrated alone are counted, too.
+knock is missed where it is neither refused nor warned of, and changes an angle by more than the result
+states: its 95 % interval as calibrated and what a movement that no image shows could add. Those beyond the
+interval as calibrated alone are counted, too.
 """
 
 from __future__ import annotations
@@ -252,9 +252,8 @@ def summarise(rows: list[Row]) -> StudyResult:
     text = f"""
 {len(intact)} intact rigs, {alarms} of them refused or warned of. {len(moved)} knocked ones, turned by
 {TURN_ARCMIN[0]:g} to {TURN_ARCMIN[1]:g}′ or shifted by {SHIFT_MM[0]:g} to {SHIFT_MM[1]:g} mm, small knocks
-as often as large ones: {len(beyond)} were measured without a warning though an angle changed by more than the
-95 % interval as calibrated, {len(missed)} of them by more than that and what the result says that no image shows
-(`unseen`).
+as often as large ones. Without a warning, {len(beyond)} changed an angle by more than the 95 % interval as
+calibrated, {len(missed)} of them by more than that and what the result says that no image shows (`unseen`).
 
 """
     return StudyResult(tuple(rows), figures, goals, text + "\n".join(lines), {"knocked": _plot(moved)})

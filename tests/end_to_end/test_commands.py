@@ -34,6 +34,8 @@ KEYS = {
     "toe_deg",
     "camber_u95_deg",
     "toe_u95_deg",
+    "camber_unseen_deg",
+    "toe_unseen_deg",
     "plane",
     "points_used",
     "residual_rms_mm",
@@ -62,6 +64,7 @@ def test_measure_takes_settings_from_a_station_and_prints_for_people(
     ended = truewheel(*arguments, "--config", CONFIGS / "station.toml")
     assert ended.status == 0
     assert "camber +1.2" in ended.out
+    assert "± holds as calibrated; a camera or head that moved since and shows in no image" in ended.out
 
 
 def test_refused_wheel_prints_its_reason_and_ends_with_1(truewheel: Truewheel, wheel: Path) -> None:
@@ -75,7 +78,7 @@ def test_refused_wheel_prints_its_reason_and_ends_with_1(truewheel: Truewheel, w
     assert set(ended.json) >= KEYS
     assert ended.json["outcome"] == "refused"
     assert "head_1" in ended.json["reason"]
-    for key in ("camber_deg", "toe_deg", "camber_u95_deg", "toe_u95_deg", "plane", "points_used"):
+    for key in ("camber_deg", "toe_deg", "camber_u95_deg", "toe_u95_deg", "camber_unseen_deg", "plane"):
         assert ended.json[key] is None
     assert "refused" in truewheel(*arguments).out
 

@@ -105,6 +105,35 @@ def test_a_head_that_rose_by_a_few_hundredths_is_warned_of_and_its_error_covered
     assert warned > 0
 
 
+def test_what_no_image_shows_is_stated_beside_the_uncertainty(
+    rig: RigCalibration, images: list[StereoImages], intact: WheelMeasurement
+) -> None:
+    """A head that rose by 0.025 mm was measured with 0.25′ of error, 0.02′ stated, and nothing told of it."""
+    assert intact.unseen is not None
+    assert min(intact.unseen) > 0.2 * ARCMIN
+    assert max(intact.unseen) < 1.0 * ARCMIN
+    silent = 0
+    for size in (0.02, 0.025, -0.02, -0.025):
+        result = measure_wheel(images, knocked(rig, RISE, 0, 0, size), SETTINGS)
+        assert isinstance(result, WheelMeasurement)
+        assert result.unseen is not None
+        change = np.abs([result.camber - intact.camber, result.toe - intact.toe])
+        u95 = np.array([result.camber_u95, result.toe_u95])
+        assert (change < u95 + result.unseen).all()
+        silent += result.warning is None and bool((change > u95).any())
+    assert silent > 0
+
+
+def test_two_heads_alone_show_no_rise_of_one_and_say_so(
+    rig: RigCalibration, images: list[StereoImages], intact: WheelMeasurement
+) -> None:
+    result = measure_wheel(images[:2], rig.without_head(2), SETTINGS)
+    assert isinstance(result, WheelMeasurement)
+    assert result.unseen is not None
+    assert intact.unseen is not None
+    assert max(result.unseen) > 5.0 * max(intact.unseen)
+
+
 def test_a_calibration_without_covariance_raises_no_alarm(
     rig: RigCalibration, images: list[StereoImages], intact: WheelMeasurement
 ) -> None:

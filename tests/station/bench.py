@@ -243,6 +243,8 @@ def measurement(camber: float = 0.001, toe: float = 0.001, u: float = 1e-5) -> W
         residual_rms_mm=0.03,
         heads=(),
         method="tyre_plane/revolution",
+        knock_evidence=-5.0,
+        unseen=(2e-4, 1e-4),
     )
 
 

@@ -53,6 +53,7 @@ def test_good_vehicle_is_committed_before_anything_is_told(bench: Bench) -> None
     assert record.outcome is CycleOutcome.OK
     assert record.config_hash == "abc"
     assert {wheel.verdict for wheel in record.wheels} == {Verdict.OK}
+    assert {(w.knock_evidence, w.camber_unseen, w.toe_unseen) for w in record.wheels} == {(-5.0, 2e-4, 1e-4)}
     assert [axle.axle for axle in record.axles] == ["front", "rear"]
     assert record.vehicle_angles is not None
     assert set(bench.line.outcomes.values()) == {Outcome.OK}
