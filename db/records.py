@@ -6,8 +6,7 @@ the camera's own clock.
 
 Three kinds of outcome are kept apart: the vehicle's (`ok`, `nok`), the station's (`fault`) and the
 operator's (`aborted`). What one row alone must fulfil is checked by the database (`db.schema`); the records
-check what a database cannot see in one row or would store differently: text, finite numbers, aware times,
-and that the outcome of a cycle follows from its parts.
+check what a database cannot see in one row: text, finite numbers, aware times, the outcome's parts.
 """
 
 from __future__ import annotations

@@ -55,7 +55,8 @@ STAGES = {
     "choice_of_surface": (measure, "plane_hypotheses"),
     "gloss": (search, "without_gloss"),
     "fit": (search, "fit_revolution"),
-    "agreement_of_heads": (measure, "head_misfits"),
+    "agreement_of_heads": (measure, "head_moves"),
+    "knocks": (measure, "_judged"),
 }
 
 
