@@ -102,7 +102,7 @@ def test_a_calibration_reads_back_to_the_last_bit(calibration_file):
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_every_number_of_a_lens_is_in_the_file(tmp_path, side):
-    """Skewed pixels came back square: no other number of a lens may be left at its default either."""
+    """Skewed pixels must not come back square, nor any other number at its default."""
     bare = calibration(covariance=False)
     head = bare.heads[1]
     camera = getattr(head, side)
@@ -458,7 +458,7 @@ def test_a_shot_of_another_size_names_the_image(tmp_path):
     ("width", "height"), [(WIDTH, HEIGHT + 1), (WIDTH, HEIGHT - 1), (WIDTH + 1, HEIGHT), (WIDTH - 1, HEIGHT)]
 )
 def test_one_row_or_column_of_one_image_makes_another_size(tmp_path, head, side, width, height):
-    """Heights were not looked at, so that a cropped image of the right width was measured."""
+    """A cropped image of the right width must not be measured, nor one of the right height."""
     whole = shot()
     frame = getattr(whole.heads[head], side)
     cut = replace(frame, image=np.zeros((height, width), np.uint8))

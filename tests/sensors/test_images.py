@@ -219,7 +219,7 @@ def test_a_png_that_claims_an_enormous_size_is_refused_without_the_memory(tmp_pa
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_longer_side_of_an_image_is_bounded(tmp_path, suffix, upright):
-    """Of an image that is long and narrow, only the shorter side was looked at."""
+    """An image that is long and narrow is judged by its longer side."""
     for length, is_read in ((LARGEST_SIDE, True), (LARGEST_SIDE + 1, False)):
         shape = (length, 2) if upright else (2, length)
         path = saved(tmp_path / f"{length}.{suffix}", Pillow.fromarray(np.zeros(shape, np.uint8)))

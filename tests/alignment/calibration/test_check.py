@@ -111,7 +111,7 @@ def test_a_camera_that_saw_hardly_any_marks_is_named(marks: int) -> None:
 
 
 def test_a_stage_position_that_is_wrong_by_far_stays_in_the_residuals() -> None:
-    """The stage held each step of the estimate but not their sum: the views crept to where the marks fit."""
+    """Were each step held but not their sum, the views would creep to where the marks fit."""
     calibration = rig()
     errors = ViewErrors(0.02, 0.0, 0.0, 0.0)
     views = observe(cameras_of(calibration), square_plate(half=11, pitch_mm=30.0), STAGES[:2], RNG(4), errors)

@@ -80,7 +80,7 @@ def with_measured_pose(calibration: RigCalibration) -> RigCalibration:
 def test_sensitivity_to_the_measured_pose_is_what_a_turn_of_the_rig_does_to_the_angles(
     side: Side, axis: int
 ) -> None:
-    """Both turns had the other sign once, which a variance alone does not show."""
+    """Signs count: a variance alone would not show both turns the other way round."""
     calibration = with_measured_pose(rig(side))
     nominal = calibration.vehicle_from_rig
     step = 1e-5

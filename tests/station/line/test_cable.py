@@ -91,7 +91,7 @@ def test_channel_in_use_is_said_so(cable: Cable) -> None:
 
 
 def test_device_is_free_again_after_an_open_that_failed(cable: Cable) -> None:
-    """With a bit rate that the adapter does not have, the device stayed locked for who corrected it."""
+    """Whoever corrects a bit rate that the adapter does not have must not find the device locked."""
     settings = cable.settings(0)
     wrong = Channel(replace(settings, bitrate=123))
     for _ in range(2):
