@@ -31,6 +31,7 @@ from db.records import (
     ZeroRecord,
     ZeroRevocation,
 )
+from db.rows import flat_values
 
 NOON = datetime(2026, 11, 22, 12, 0, 0, 123456, tzinfo=UTC)
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -216,3 +217,8 @@ def shot(cycle_uuid: UUID, **changes: Any) -> ArchivedShotRecord:
         "retention": RetentionClass.ORDINARY,
     }
     return ArchivedShotRecord(cycle_uuid, **(values | changes))
+
+
+def given(record: object) -> dict[str, object]:
+    """Its values; columns that came later are empty, and an earlier table does not have them."""
+    return {name: value for name, value in flat_values(record).items() if value is not None}

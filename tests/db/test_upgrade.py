@@ -15,7 +15,6 @@ from db.migrate import _revisions, current_revision, head_revision, migrate
 from db.partitions import CYCLES_PER_PARTITION, ensure_partitions
 from db.quality_records import ArchiveRemoval
 from db.records import CycleRecord, EventRecord, Severity
-from db.rows import flat_values
 from db.schema import (
     axle_results,
     calibration_checks,
@@ -38,6 +37,7 @@ from tests.db.example_records import (
     NOON,
     check,
     cycle,
+    given,
     installation,
     limits,
     revocation,
@@ -51,11 +51,6 @@ from tests.db.example_records import (
 EARLIER = _revisions()[:-1]
 RECORDS = plant(12)
 EVENT = EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started")
-
-
-def given(record: object) -> dict[str, object]:
-    """Its values; columns that came later are empty, and an earlier table does not have them."""
-    return {name: value for name, value in flat_values(record).items() if value is not None}
 
 
 def put(connection: Connection, number: int, record: CycleRecord) -> None:

@@ -12,10 +12,9 @@ from alignment.errors import InputError, StoreError
 from db.engine import make_engine, parse_url
 from db.migrate import current_revision, head_revision, migrate
 from db.records import CalibrationRecord
-from db.rows import flat_values
 from db.schema import calibrations, cycles, vehicles, wheel_results
 from db.store import ResultStore
-from tests.db.example_records import CALIBRATION, NOON, cycle, revocation, zero
+from tests.db.example_records import CALIBRATION, NOON, cycle, given, revocation, zero
 
 HOUR = timedelta(hours=1)
 
@@ -76,11 +75,11 @@ def test_a_database_of_the_first_revision_keeps_its_results_and_takes_zero_measu
     engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     with engine.begin() as connection:
         assert record.vehicle is not None
-        connection.execute(vehicles.insert().values(id=1, **flat_values(record.vehicle)))
-        connection.execute(calibrations.insert().values(**flat_values(CALIBRATION), stored_utc=NOON))
-        connection.execute(cycles.insert().values(id=1, vehicle_id=1, **flat_values(record), stored_utc=NOON))
+        connection.execute(vehicles.insert().values(id=1, **given(record.vehicle)))
+        connection.execute(calibrations.insert().values(**given(CALIBRATION), stored_utc=NOON))
+        connection.execute(cycles.insert().values(id=1, vehicle_id=1, **given(record), stored_utc=NOON))
         for wheel in record.wheels:
-            connection.execute(wheel_results.insert().values(cycle_id=1, **flat_values(wheel)))
+            connection.execute(wheel_results.insert().values(cycle_id=1, **given(wheel)))
     engine.dispose()
 
     migrate(empty_database_url)
