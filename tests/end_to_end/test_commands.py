@@ -6,7 +6,9 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -163,10 +165,23 @@ def test_station_plays_recorded_shots_to_a_controller(replay: Path) -> None:
         assert store.recent_cycles(1)[0].record.config_hash == configuration.hash
 
 
+@contextmanager
+def ending(process: subprocess.Popen[str]) -> Iterator[None]:
+    """Kill what a failed test leaves running, which would be waited for."""
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_station_ends_cleanly_when_told_by_a_signal(replay: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "station.cli", "run", "--config", str(replay)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as station:
+    # Whoever runs the tests may have it ignored, as `nohup` does, and a station leaves it so.
+    default = f"signal.signal({int(number)}, signal.SIG_DFL)"
+    run = f"import signal, sys; {default}; from station.cli import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", run, "run", "--config", str(replay)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as station, ending(station):
         assert station.stderr is not None
         lines = []
         for line in station.stderr:
