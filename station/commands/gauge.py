@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from alignment.errors import ConfigurationError
-from db.statistics.choices import ChartKind, GrrMethod, RuleSet
+from alignment.statistics.choices import ChartKind, GrrMethod, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.selection import FromOption, UntilOption

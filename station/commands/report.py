@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from db.statistics.choices import ChartKind, RuleSet
+from alignment.statistics.choices import ChartKind, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import JsonFlag, print_json
 from station.commands.selection import (

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.statistics.budget import Component, bias_uncertainty, resolution_uncertainty
+from alignment.statistics.choices import Contribution, GrrMethod
+from alignment.statistics.grr import GaugeData, grr
+from alignment.statistics.moments import deviations, moments
+from alignment.statistics.type1 import LEAST_VALUES, USUAL_VALUES
 from db.quality_records import StudyKind
-from db.statistics.budget import Component, bias_uncertainty, resolution_uncertainty
-from db.statistics.choices import Contribution, GrrMethod
-from db.statistics.grr import GaugeData, grr
-from db.statistics.moments import deviations, moments
-from db.statistics.type1 import LEAST_VALUES, USUAL_VALUES
 from station.quality.gauge_analysis import without_appraiser
 from station.quality.gauge_file import read_budget_file, read_gauge_file
 from station.quality.gauge_source import COLUMNS, GaugeSource

@@ -9,8 +9,8 @@ from decimal import Decimal
 from pathlib import Path
 
 from alignment.errors import FormatError
-from db.statistics.budget import Component
-from db.statistics.choices import Contribution
+from alignment.statistics.budget import Component
+from alignment.statistics.choices import Contribution
 from station.quality.csv_table import read_table
 
 

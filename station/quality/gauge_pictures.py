@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from alignment.statistics.budget import UncertaintyBudget
+from alignment.statistics.charts import ControlChart, Track
+from alignment.statistics.grr import GaugeData, GrrResult
+from alignment.statistics.linearity import LinearityResult
 from db.exports.fonts import picture_text
-from db.statistics.budget import UncertaintyBudget
-from db.statistics.charts import ControlChart, Track
-from db.statistics.grr import GaugeData, GrrResult
-from db.statistics.linearity import LinearityResult
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from datetime import datetime
 from pathlib import Path
 
 from alignment.errors import ConfigurationError
+from alignment.statistics.choices import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader
-from db.statistics.choices import ChartKind, RuleSet
 from station.quality.report import Report, Section, in_words
 from station.quality.report_choices import TITLES, ReportKind, SplitBy
 from station.quality.report_compare import compare_sections, drift_section

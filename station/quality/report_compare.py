@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from alignment.statistics.moments import Moments, merged
+from alignment.statistics.moments import moments as moments_of
+from alignment.statistics.stability import drift_of
 from db.queries import (
     Characteristic,
     Filter,
@@ -23,9 +26,6 @@ from db.queries import (
     value_series,
 )
 from db.records import EventRecord
-from db.statistics.moments import Moments, merged
-from db.statistics.moments import moments as moments_of
-from db.statistics.stability import drift_of
 from station.quality.pictures import Picture, Trace
 from station.quality.report import Row, Section, shown_time
 from station.quality.report_values import NEWEST, comparable, in_degrees, times, wheel_angles

@@ -10,9 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
-from db.queries import Moments as StoredMoments
-from db.statistics.capability import (
+from alignment.statistics.capability import (
     LEAST_CPK,
     Index,
     capability,
@@ -21,10 +19,12 @@ from db.statistics.capability import (
     normality_p,
     quantile_performance,
 )
-from db.statistics.charts import Baseline, ControlChart, Track, control_chart
-from db.statistics.choices import ChartKind, Judgement, RuleSet
-from db.statistics.moments import Moments
-from db.statistics.rules import rule_texts
+from alignment.statistics.charts import Baseline, ControlChart, Track, control_chart
+from alignment.statistics.choices import ChartKind, Judgement, RuleSet
+from alignment.statistics.moments import Moments
+from alignment.statistics.rules import rule_texts
+from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
+from db.queries import Moments as StoredMoments
 from station.quality.pictures import Picture, Trace
 from station.quality.report import Row, Section, in_words, shown_time
 from station.quality.report_choices import SplitBy

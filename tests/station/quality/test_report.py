@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from alignment.statistics.choices import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader, ValueSeries, value_series
-from db.statistics.choices import ChartKind, RuleSet
 from station.quality.make_report import ReportOptions, make_report
 from station.quality.report import Report
 from station.quality.report_choices import ReportKind, SplitBy

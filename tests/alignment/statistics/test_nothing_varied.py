@@ -7,17 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from db.statistics.anova import one_way
-from db.statistics.budget import Component, budget
-from db.statistics.capability import LEAST_CPK, capability, judged, normality_p, quantile_performance
-from db.statistics.charts import Baseline, control_chart
-from db.statistics.choices import ChartKind, Contribution, GrrMethod, Judgement, RuleSet
-from db.statistics.grr import GaugeData, grr
-from db.statistics.linearity import bias, linearity
-from db.statistics.moments import Moments, merged, moments
-from db.statistics.spread import coarse_step
-from db.statistics.stability import drift_of
-from db.statistics.type1 import type1
+from alignment.statistics.anova import one_way
+from alignment.statistics.budget import Component, budget
+from alignment.statistics.capability import LEAST_CPK, capability, judged, normality_p, quantile_performance
+from alignment.statistics.charts import Baseline, control_chart
+from alignment.statistics.choices import ChartKind, Contribution, GrrMethod, Judgement, RuleSet
+from alignment.statistics.grr import GaugeData, grr
+from alignment.statistics.linearity import bias, linearity
+from alignment.statistics.moments import Moments, merged, moments
+from alignment.statistics.spread import coarse_step
+from alignment.statistics.stability import drift_of
+from alignment.statistics.type1 import type1
 
 # Numbers that no double holds: their mean is not one of them, so a naive spread is not zero.
 STUCK = (0.0, 0.1, 0.3, 1.1, -7.7, 299.85)

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from db.statistics.charts import ControlChart, control_chart
-from db.statistics.choices import ChartKind, RuleSet
-from db.statistics.linearity import BiasResult, bias
-from db.statistics.moments import as_values, moments
+from alignment.statistics.charts import ControlChart, control_chart
+from alignment.statistics.choices import ChartKind, RuleSet
+from alignment.statistics.linearity import BiasResult, bias
+from alignment.statistics.moments import as_values, moments
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from alignment.errors import DegenerateInputError
-from db.statistics.choices import Judgement
-from db.statistics.moments import Moments, as_values
-from db.statistics.spread import ALL_EQUAL, CURE
+from alignment.statistics.choices import Judgement
+from alignment.statistics.moments import Moments, as_values
+from alignment.statistics.spread import ALL_EQUAL, CURE
 
 LEAST_CPK = 1.33
 """What plants ask of Cpk; shown only where the lower confidence limit is above it."""

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
-from db.statistics.choices import GrrMethod
-from db.statistics.constants import d2_star
-from db.statistics.grr import GaugeData, grr, range_components
-from db.statistics.moments import deviations
+from alignment.statistics.choices import GrrMethod
+from alignment.statistics.constants import d2_star
+from alignment.statistics.grr import GaugeData, grr, range_components
+from alignment.statistics.moments import deviations
 
 
 @pytest.fixture

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
-from db.statistics.budget import (
+from alignment.statistics.budget import (
     Component,
     bias_uncertainty,
     budget,
     resolution_uncertainty,
 )
-from db.statistics.choices import Contribution
-from db.statistics.linearity import bias, linearity
-from db.statistics.stability import drift_of, stability
-from db.statistics.type1 import type1
+from alignment.statistics.choices import Contribution
+from alignment.statistics.linearity import bias, linearity
+from alignment.statistics.stability import drift_of, stability
+from alignment.statistics.type1 import type1
 
 # AIAG, Measurement Systems Analysis: linearity example, five masters measured twelve times.
 AIAG_LINEARITY = {

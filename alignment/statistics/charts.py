@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from alignment.errors import DegenerateInputError
-from db.statistics.choices import ChartKind, RuleSet
-from db.statistics.constants import chart_constants
-from db.statistics.moments import as_values
-from db.statistics.rules import Signal, signals
+from alignment.statistics.choices import ChartKind, RuleSet
+from alignment.statistics.constants import chart_constants
+from alignment.statistics.moments import as_values
+from alignment.statistics.rules import Signal, signals
 
 Array = NDArray[np.float64]
 

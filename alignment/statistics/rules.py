@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from db.statistics.choices import RuleSet
-from db.statistics.moments import as_values
+from alignment.statistics.choices import RuleSet
+from alignment.statistics.moments import as_values
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

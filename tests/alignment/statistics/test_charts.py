@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
-from db.statistics.charts import Baseline, control_chart
-from db.statistics.choices import ChartKind, RuleSet
-from db.statistics.constants import chart_constants
-from db.statistics.rules import rule_texts, signals
+from alignment.statistics.charts import Baseline, control_chart
+from alignment.statistics.choices import ChartKind, RuleSet
+from alignment.statistics.constants import chart_constants
+from alignment.statistics.rules import rule_texts, signals
 
 # ASTM MNL 7, table of factors for control charts (the same in ISO 7870-2):
 # n, d2, d3, c4, A2, A3, D3, D4, B3, B4.

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
-from db.statistics.anova import Source, one_way, tested_against, two_way
-from db.statistics.choices import GrrMethod
-from db.statistics.constants import chart_constants, d2_star
-from db.statistics.moments import mean_of
+from alignment.statistics.anova import Source, one_way, tested_against, two_way
+from alignment.statistics.choices import GrrMethod
+from alignment.statistics.constants import chart_constants, d2_star
+from alignment.statistics.moments import mean_of
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from db.statistics.moments import as_values, moments
+from alignment.statistics.moments import as_values, moments
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from db.statistics.moments import as_values, mean_of, merged, moments
+from alignment.statistics.moments import as_values, mean_of, merged, moments
 
 Array = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from db.statistics.budget import Component, budget
-from db.statistics.capability import capability
-from db.statistics.charts import control_chart
-from db.statistics.choices import ChartKind, Contribution, GrrMethod
-from db.statistics.grr import GaugeData, grr
-from db.statistics.linearity import bias, linearity
-from db.statistics.moments import Moments, moments
-from db.statistics.stability import LEAST_POINTS, drift_of, stability
-from db.statistics.type1 import type1
+from alignment.statistics.budget import Component, budget
+from alignment.statistics.capability import capability
+from alignment.statistics.charts import control_chart
+from alignment.statistics.choices import ChartKind, Contribution, GrrMethod
+from alignment.statistics.grr import GaugeData, grr
+from alignment.statistics.linearity import bias, linearity
+from alignment.statistics.moments import Moments, moments
+from alignment.statistics.stability import LEAST_POINTS, drift_of, stability
+from alignment.statistics.type1 import type1
 
 FOUR = Moments(5, 0.0, 4.0, -1.0, 1.0)
 """Mean 0, standard deviation 1."""

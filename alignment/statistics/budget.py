@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from alignment.errors import DegenerateInputError
-from db.statistics.choices import Contribution
+from alignment.statistics.choices import Contribution
 
 LIMIT_MS, LIMIT_MP = 15.0, 30.0
 """What VDA 5 asks of Q_MS and Q_MP at most, percent."""
