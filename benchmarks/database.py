@@ -30,7 +30,7 @@ from benchmarks.database_plant import END, STATIONS, WHEELS, prepare
 from benchmarks.database_questions import ask, plans
 from benchmarks.database_writing import GOAL_RATE, Written, write_while_asking
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import ResultReader
 from db.sums import check_sums
 

@@ -22,10 +22,7 @@ import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import text
 
-from db.engine import make_engine, parse_url
-from db.migrate import migrate
-from db.partitions import ensure_partitions
-from db.quality_records import InstallationRecord, StationRecord
+from db.connection import make_engine, migrate, parse_url
 from db.records import (
     AxleRecord,
     CalibrationCheckRecord,
@@ -34,12 +31,15 @@ from db.records import (
     CheckOutcome,
     CycleOutcome,
     CycleRecord,
+    InstallationRecord,
+    StationRecord,
     VehicleAnglesRecord,
     VehicleRecord,
     Verdict,
     WheelOutcome,
     WheelRecord,
 )
+from db.schema.partitions import ensure_partitions
 from db.store import ResultStore
 from db.sums import bring_up_to_date
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from benchmarks.database_plant import END, STATIONS, new_cycle
 from benchmarks.database_questions import Asked, ask_once, cpu_clock, summary
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import ResultReader
+from db.rows import write_cycles
 from db.store import ResultStore
 from db.sums import update_sums
-from db.writing import write_cycles
 
 WRITERS = {"postgresql": 20, "sqlite": 1}
 GOAL_RATE = {"postgresql": 500.0, "sqlite": 50.0}

@@ -36,13 +36,12 @@ from sqlalchemy.exc import DatabaseError
 from alignment.errors import StoreError
 from benchmarks.database_plant import END, STATIONS, WHEELS, calibration_id, new_cycle
 from benchmarks.postgres_server import binaries, postgres_server, temporary_folder
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.migrate import migrate
+from db.connection import make_engine, migrate, parse_url
 from db.records import CalibrationRecord
 from db.schema import cycles, wheel_results
-from db.shipping import Shipper
 from db.store import ResultStore
+from db.upkeep.check import check_database
+from db.upkeep.shipping import Shipper
 
 STATION = STATIONS[0]
 SEED = 1

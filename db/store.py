@@ -12,33 +12,49 @@ from uuid import UUID
 from sqlalchemy import Connection, Engine, false, func, select
 
 from alignment.errors import StoreError
-from db.chain import Head
-from db.engine import describe, look_at_files, make_engine, parse_url
-from db.failures import store_errors
-from db.migrate import check_revision, require_file, revision_of, upgrade
-from db.plant import changed
-from db.quality_records import (
-    ArchivedShotRecord,
-    ArchiveRemoval,
-    GaugeStudyRecord,
-    GaugeValueRecord,
-    InstallationRecord,
-    StationRecord,
-    VehicleTypeRecord,
+from db.connection import (
+    check_revision,
+    describe,
+    look_at_files,
+    make_engine,
+    parse_url,
+    require_file,
+    revision_of,
+    store_errors,
+    upgrade,
 )
 from db.records import (
+    ArchivedShotRecord,
+    ArchiveRemoval,
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
     EventRecord,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    StationRecord,
     StoredCycle,
     StoredWheel,
     StoredZero,
+    VehicleTypeRecord,
     WheelRecord,
     ZeroRecord,
     ZeroRevocation,
 )
-from db.rows import CYCLES, KIND_OF, ZEROS, key_of, load_records, read_cycles, read_zeros, record_of
+from db.rows import (
+    CYCLES,
+    KIND_OF,
+    ZEROS,
+    Head,
+    changed,
+    key_of,
+    load_records,
+    read_cycles,
+    read_zeros,
+    record_of,
+    write_record,
+)
 from db.schema import (
     BOOKKEEPING,
     calibration_checks,
@@ -52,7 +68,6 @@ from db.schema import (
     zero_measurements,
     zero_revocations,
 )
-from db.writing import write_record
 
 
 def _utc_now() -> datetime:
@@ -370,7 +385,7 @@ class ResultStore:
         return tuple(record_of(EventRecord, row) for row in rows)
 
     def reading(self) -> AbstractContextManager[Connection]:
-        """One state of the database, for `db.retention` and others of this package."""
+        """One state of the database, for `db.upkeep.retention` and others of this package."""
         return self._transaction()
 
     @contextmanager

@@ -16,10 +16,9 @@ from typing import Literal, Self
 from uuid import UUID
 
 from alignment.errors import LineError, StoreUnavailableError, TruewheelError
-from db.quality_records import ArchivedShotRecord, RetentionClass
-from db.records import CycleRecord, Verdict, WheelOutcome
-from db.retention import Policy, enforce
+from db.records import ArchivedShotRecord, CycleRecord, RetentionClass, Verdict, WheelOutcome
 from db.store import ResultStore
+from db.upkeep.retention import Policy, enforce
 from sensors.formats.shot import write_shot
 from sensors.shot import WheelShot
 from station.line.messages import StationState

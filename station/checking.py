@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from alignment.errors import ConfigurationError, TruewheelError
-from db.engine import parse_url
+from db.connection import parse_url
 from station.composition import read_rig_calibration, recorded_folders
 from station.config import Configuration, RigSettings, read_configuration
 from station.line.channel import require_interface

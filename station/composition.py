@@ -15,8 +15,8 @@ from typing import TypeVar
 
 from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, WarmUpError
 from alignment.measure import measure_wheel
-from db.background import BackgroundWork
 from db.store import ResultStore
+from db.upkeep.background import BackgroundWork
 from sensors.drivers.recorded import recorded_rig
 from sensors.formats import read_calibration_file, write_calibration
 from sensors.formats.files import entries

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
 
-from db.background import BackgroundWork, StoreHealth
-from db.lock import station_lock
-from db.quality_records import InstallationRecord, StationRecord, VehicleTypeRecord
-from db.records import Severity
-from db.retention import Policy
-from db.shipping import Shipper
+from db.connection import station_lock
+from db.records import InstallationRecord, Severity, StationRecord, VehicleTypeRecord
 from db.store import ResultStore
+from db.upkeep.background import BackgroundWork, StoreHealth
+from db.upkeep.retention import Policy
+from db.upkeep.shipping import Shipper
 from station.archive import ImageArchive
 from station.config import ArchiveSettings, Configuration
 from station.vehicle_types import Tolerance, VehicleType

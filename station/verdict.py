@@ -13,8 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from alignment.errors import DegenerateInputError
-from db.angle_verdicts import missed_limit
-from db.records import CycleOutcome, Verdict
+from db.records import CycleOutcome, Verdict, missed_limit
 
 
 class Status(enum.StrEnum):

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from db.migrate import migrate
+from db.connection import migrate
 from db.records import EventRecord, Severity
 from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate

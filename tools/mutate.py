@@ -31,7 +31,7 @@ PRELOADED = (
     "hypothesis",
     "pytest",
     "alignment.errors",
-    "db.records",
+    "db.records.results",
     "station.line.messages",
     "station.line.bus",
     "station.line.dbc",

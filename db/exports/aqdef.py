@@ -29,10 +29,9 @@ from pathlib import Path
 from typing import IO
 
 from alignment.errors import ConfigurationError
-from db.angle_verdicts import AngleVerdict
 from db.exports.rows import AngleRow
 from db.exports.tables import replaced
-from db.records import EventRecord, Severity
+from db.records import AngleVerdict, EventRecord, Severity
 
 ENCODINGS: Mapping[str, str] = {"utf-8": "utf-8-sig", "utf-16": "utf-16", "windows-1252": "cp1252"}
 """By the name a user gives; the Unicode ones begin with a byte order mark, by which Q-DAS knows them."""

@@ -11,12 +11,11 @@ from uuid import UUID
 from matplotlib.figure import Figure
 
 from alignment.errors import InputError
-from db.angle_verdicts import AngleVerdict
 from db.exports.fonts import picture_text
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
-from db.records import StoredCycle, Verdict
+from db.records import AngleVerdict, StoredCycle, Verdict
 
 _EXPLAINED = (AngleVerdict.NOK, AngleVerdict.NOT_MEASURED, AngleVerdict.NOT_JUDGED)
 _OUTCOMES = {

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from db.angle_verdicts import AngleVerdict, Side, judge_angle
-from db.records import CycleRecord, StoredCycle, WheelOutcome
+from db.records import AngleVerdict, CycleRecord, Side, StoredCycle, WheelOutcome, judge_angle
 
 VEHICLE = "vehicle"
 USUAL_K = 2.0

@@ -1,4 +1,4 @@
-"""How alembic runs a migration here: on the connection and in the transaction of `db.migrate`."""
+"""How alembic runs a migration here: on the connection and in the transaction of `db.connection.migrate`."""
 
 from alembic import context
 

@@ -11,9 +11,7 @@ from typing import Concatenate, ParamSpec, Self, TypeVar
 from sqlalchemy import Connection, Engine
 
 from alignment.errors import StoreError
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
-from db.migrate import check_revision, require_file
+from db.connection import check_revision, describe, make_engine, parse_url, require_file, store_errors
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

@@ -19,7 +19,6 @@ from sqlalchemy import (
     select,
 )
 
-from db.partial_sums import OF_AXLE, OF_WHEEL
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
 from db.queries.reader import ResultReader, question
@@ -32,6 +31,7 @@ from db.schema import (
     vehicles,
     wheel_results,
 )
+from db.sums import OF_AXLE, OF_WHEEL
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,8 @@ from uuid import UUID
 
 from sqlalchemy import ColumnElement, or_, select
 
-from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.queries.reader import ResultReader, question
-from db.records import check_text
+from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind, check_text
 from db.rows import STUDY_VALUES, record_of
 from db.schema import gauge_studies as study_rows
 from db.schema import gauge_values

@@ -12,21 +12,6 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Table, Text, and_, bindparam, cast, or_, select
 
-from db.partial_sums import (
-    CATEGORY,
-    CHARACTERISTIC,
-    OF_AXLE,
-    OF_WHEEL,
-    SUMS,
-    Selection,
-    counted,
-    epoch_hour,
-    hourly,
-    hours_of,
-    merged,
-    raw_outcomes,
-    raw_values,
-)
 from db.queries.filters import (
     EVERYTHING,
     Characteristic,
@@ -51,6 +36,21 @@ from db.schema import (
     value_sums,
     vehicle_results,
     wheel_results,
+)
+from db.sums import (
+    CATEGORY,
+    CHARACTERISTIC,
+    OF_AXLE,
+    OF_WHEEL,
+    SUMS,
+    Selection,
+    counted,
+    epoch_hour,
+    hourly,
+    hours_of,
+    merged,
+    raw_outcomes,
+    raw_values,
 )
 
 _HOUR_S = 3600

@@ -9,7 +9,6 @@ from uuid import UUID
 
 from sqlalchemy import ColumnElement, Connection, false, or_, select
 
-from db.quality_records import ArchivedShotRecord, ArchiveRemoval, StationRecord, StoredShot
 from db.queries.filters import (
     EVERYTHING,
     Filter,
@@ -21,10 +20,14 @@ from db.queries.filters import (
 from db.queries.reader import ResultReader, question
 from db.queries.since_check import stations_using
 from db.records import (
+    ArchivedShotRecord,
+    ArchiveRemoval,
     CalibrationCheckRecord,
     CalibrationRecord,
     EventRecord,
+    StationRecord,
     StoredCycle,
+    StoredShot,
     StoredZero,
     check_text,
 )

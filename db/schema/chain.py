@@ -6,7 +6,7 @@ from sqlalchemy import BigInteger, Column, PrimaryKeyConstraint, Table, Text
 
 from db.schema.base import check, metadata
 
-# One row per stored record, written in the record's own transaction; `db.chain` says what is hashed.
+# One row per stored record, written in the record's own transaction; `db.rows.chain` says what is hashed.
 chain_links = Table(
     "chain_links",
     metadata,

@@ -15,7 +15,7 @@ from sqlalchemy import (
     Uuid,
 )
 
-from db.quality_records import RetentionClass, StudyKind
+from db.records import RetentionClass, StudyKind
 from db.schema.base import DOCUMENT, UtcDateTime, check, choice, id_column, metadata
 from db.schema.results import cycles
 

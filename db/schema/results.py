@@ -232,7 +232,7 @@ wheel_results = Table(
     # Serves "which wheels rest on this calibration", asked when one turns out bad.
     Index(None, "calibration_id"),
     # By far the largest table. Cycles count up in time, so each partition is a stretch of time that an
-    # administrator can vacuum, back up or detach alone; `db.partitions` makes them ahead of need.
+    # administrator can vacuum, back up or detach alone; `db.schema.partitions` makes them ahead of need.
     postgresql_partition_by="RANGE (cycle_id)",
 )
 

@@ -1,6 +1,6 @@
 """Sums over results, kept per hour and day so that a month is read in milliseconds.
 
-They hold nothing of their own: `db.sums` builds them from the results, adds what is new, can build them
+They hold nothing of their own: `db.sums.update` builds them from the results, adds what is new, can build them
 again, and checks them against the results. Unlike results they change.
 """
 

@@ -20,9 +20,9 @@ DatabaseOption = Annotated[
 @db_app.command()
 def migrate(database: DatabaseOption, as_json: JsonFlag = False) -> None:
     """Create the database, or bring it to this program's schema; nothing stored is lost."""
-    from db import migrate as migration
+    from db.connection import migrate as migrate_database
 
-    revision = migration.migrate(database)
+    revision = migrate_database(database)
     if as_json:
         print_json({"revision": revision})
     else:
@@ -41,7 +41,7 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Look for damage, gaps, missing records and sums that disagree; changes nothing."""
-    from db.check import check_database
+    from db.upkeep.check import check_database
 
     report = check_database(database, None if everything else days)
     if as_json:
@@ -85,7 +85,7 @@ def backup(
     as_json: JsonFlag = False,
 ) -> None:
     """Copy the database as it is now, while stations go on writing."""
-    from db.backup import backup as make
+    from db.upkeep.backup import backup as make
 
     make(database, out)
     size = out.stat().st_size
@@ -102,8 +102,8 @@ def restore(
     as_json: JsonFlag = False,
 ) -> None:
     """Make a database out of a copy; there must be none, or an empty one. Then migrate it if need be."""
-    from db.backup import restore as make
-    from db.migrate import current_revision
+    from db.connection import current_revision
+    from db.upkeep.backup import restore as make
 
     make(file, database)
     revision = current_revision(database)
@@ -120,9 +120,7 @@ def sums(
     as_json: JsonFlag = False,
 ) -> None:
     """Bring the sums that make reports fast up to date with the results; a station does so by itself."""
-    from db.engine import describe, make_engine, parse_url
-    from db.failures import store_errors
-    from db.migrate import check_revision, require_file
+    from db.connection import check_revision, describe, make_engine, parse_url, require_file, store_errors
     from db.sums import bring_up_to_date, forget_sums
 
     url = parse_url(database)
@@ -162,9 +160,9 @@ def retention(
     from datetime import UTC, datetime
 
     from alignment.errors import InputError
-    from db.lock import station_lock
-    from db.retention import enforce, kept, leaving
+    from db.connection import station_lock
     from db.store import ResultStore
+    from db.upkeep.retention import enforce, kept, leaving
     from station.config import read_configuration
     from station.storing import archive_policy
 

@@ -98,7 +98,7 @@ def type1_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Cg and Cgk: one master, measured again and again; exit status 1 when not capable."""
-    from db.quality_records import StudyKind
+    from db.records import StudyKind
     from station.quality.gauge_analysis import analyse_type1
     from station.quality.gauge_source import open_source
 
@@ -149,7 +149,7 @@ def grr_command(
 
     Columns part, appraiser, trial, value. Without appraisers, or with one, it is a study of type 3.
     """
-    from db.quality_records import StudyKind
+    from db.records import StudyKind
     from station.quality.gauge_analysis import analyse_grr
     from station.quality.gauge_source import open_source
 
@@ -180,7 +180,7 @@ def linearity_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Bias over the range; exit status 1 when zero bias is outside of the band. Columns reference, value."""
-    from db.quality_records import StudyKind
+    from db.records import StudyKind
     from station.quality.gauge_analysis import analyse_linearity
     from station.quality.gauge_source import open_source
 
@@ -210,7 +210,7 @@ def stability_command(
 
     Columns time, value.
     """
-    from db.quality_records import StudyKind
+    from db.records import StudyKind
     from station.quality.gauge_analysis import analyse_stability
     from station.quality.gauge_source import open_source
 

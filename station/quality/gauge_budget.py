@@ -12,7 +12,7 @@ from alignment.statistics.choices import Contribution, GrrMethod
 from alignment.statistics.grr import GaugeData, grr
 from alignment.statistics.moments import deviations, moments
 from alignment.statistics.type1 import LEAST_VALUES, USUAL_VALUES
-from db.quality_records import StudyKind
+from db.records import StudyKind
 from station.quality.gauge_analysis import without_appraiser
 from station.quality.gauge_file import read_budget_file, read_gauge_file
 from station.quality.gauge_source import COLUMNS, GaugeSource

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 from alignment.errors import ConfigurationError
-from db.quality_records import GaugeStudyRecord, StudyKind
 from db.queries import Characteristic
+from db.records import GaugeStudyRecord, StudyKind
 from station.quality.gauge_store import plan_study
 
 _LEAST_PARTS = {StudyKind.TYPE1: 1, StudyKind.STABILITY: 1, StudyKind.GRR: 2, StudyKind.LINEARITY: 2}

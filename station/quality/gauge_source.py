@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from alignment.errors import ConfigurationError, DegenerateInputError
-from db.quality_records import GaugeValueRecord, StoredGaugeStudy, StudyKind
+from db.records import GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.gauge_file import GaugeRow, read_gauge_file
 
 COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {

@@ -13,8 +13,8 @@ from uuid import UUID
 import numpy as np
 
 from alignment.errors import ConfigurationError, InputError
-from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.queries import Characteristic, Filter, ResultReader, gauge_studies, gauge_study, value_series
+from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.store import ResultStore
 from station.quality.gauge_file import GaugeRow
 from station.quality.gauge_source import RADIANS

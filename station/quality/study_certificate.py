@@ -9,7 +9,7 @@ from pathlib import Path
 from alignment.errors import InputError
 from alignment.statistics.choices import GrrMethod
 from db.exports.pdf import Document
-from db.quality_records import StoredGaugeStudy, StudyKind
+from db.records import StoredGaugeStudy, StudyKind
 from station.quality.gauge_analysis import (
     GaugeReport,
     analyse_grr,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
-from db.migrate import migrate
+from db.connection import migrate
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION
 

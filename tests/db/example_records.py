@@ -5,17 +5,8 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 from uuid import UUID, uuid4
 
-from db.quality_records import (
-    ArchivedShotRecord,
-    GaugeStudyRecord,
-    GaugeValueRecord,
-    InstallationRecord,
-    RetentionClass,
-    StationRecord,
-    StudyKind,
-    VehicleTypeRecord,
-)
 from db.records import (
+    ArchivedShotRecord,
     AxleRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
@@ -23,8 +14,15 @@ from db.records import (
     CheckOutcome,
     CycleOutcome,
     CycleRecord,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    RetentionClass,
+    StationRecord,
+    StudyKind,
     VehicleAnglesRecord,
     VehicleRecord,
+    VehicleTypeRecord,
     Verdict,
     WheelOutcome,
     WheelRecord,

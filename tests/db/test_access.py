@@ -10,7 +10,7 @@ import psycopg
 import pytest
 
 from alignment.errors import InputError, StoreError
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import (
     Characteristic,
     Filter,

@@ -13,13 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from alignment.errors import FormatError, StoreError
-from db.backup import backup, restore
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.migrate import migrate
-from db.shipping import Shipper
+from db.connection import make_engine, migrate, parse_url
 from db.store import ResultStore
 from db.sums import bring_up_to_date
+from db.upkeep.backup import backup, restore
+from db.upkeep.check import check_database
+from db.upkeep.shipping import Shipper
 from station.cli import app
 from tests.db.example_plant import plant
 from tests.db.example_records import CALIBRATION, cycle, study, study_value

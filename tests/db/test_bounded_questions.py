@@ -9,7 +9,7 @@ from uuid import UUID
 
 import psycopg
 
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.records import EventRecord, Severity
 from db.store import ResultStore
 from db.sums import bring_up_to_date, update_sums

@@ -14,12 +14,12 @@ import pytest
 from typer.testing import CliRunner
 
 from alignment.errors import StoreDamagedError, StoreError, TruewheelError
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.quality_records import ArchiveRemoval
+from db.connection import make_engine, parse_url
+from db.records import ArchiveRemoval
 from db.schema import metadata
 from db.store import ResultStore
 from db.sums import update_sums
+from db.upkeep.check import check_database
 from station.cli import app, exit_status
 from station.held import unacknowledged
 from tests.db.example_plant import plant

@@ -8,12 +8,12 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import Engine, func, select
 
-from db.check import check_database
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import Filter, ResultReader, yield_counts
 from db.schema import value_sums
 from db.store import ResultStore
 from db.sums import bring_up_to_date, update_sums
+from db.upkeep.check import check_database
 from tests.db.example_records import CALIBRATION, NOON, cycle, station
 
 MIDNIGHT = NOON.replace(hour=0, minute=0, second=0, microsecond=0)

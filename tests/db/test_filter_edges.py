@@ -7,7 +7,7 @@ from uuid import UUID
 
 import pytest
 
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import (
     Characteristic,
     Filter,

@@ -17,11 +17,11 @@ import pytest
 
 from alignment.errors import StoreSchemaError, StoreUnavailableError
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
-from db.background import BackgroundWork
-from db.migrate import migrate
+from db.connection import migrate
 from db.queries import ResultReader, yield_counts
-from db.shipping import Shipper
 from db.store import ResultStore
+from db.upkeep.background import BackgroundWork
+from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
 
 TIMEOUT_S = 0.5

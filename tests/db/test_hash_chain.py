@@ -14,14 +14,12 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from alignment.errors import StoreError
-from db.chain import digest, link_hash, record_rows
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.migrate import migrate
-from db.quality_records import ArchiveRemoval
-from db.records import EventRecord, Severity
-from db.shipping import Shipper
+from db.connection import make_engine, migrate, parse_url
+from db.records import ArchiveRemoval, EventRecord, Severity
+from db.rows import digest, link_hash, record_rows
 from db.store import ResultStore
+from db.upkeep.check import check_database
+from db.upkeep.shipping import Shipper
 from station.cli import app
 from tests.db.example_records import (
     CALIBRATION,

@@ -9,13 +9,11 @@ from pathlib import Path
 import pytest
 
 from alignment.errors import StoreError, StoreUnavailableError
-from db.backup import backup
-from db.engine import make_engine, parse_url
-from db.files import WatchedConnection
-from db.migrate import migrate
-from db.shipping import Shipper
+from db.connection import WatchedConnection, make_engine, migrate, parse_url
 from db.store import ResultStore
 from db.sums import update_sums
+from db.upkeep.backup import backup
+from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
 
 Lose = Callable[[Path], None]

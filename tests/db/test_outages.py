@@ -17,13 +17,12 @@ from alignment.errors import StoreUnavailableError
 from benchmarks.database_plant import new_cycle
 from benchmarks.outages import STATION, judge, prepare
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
-from db.background import BackgroundWork
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.migrate import migrate
+from db.connection import make_engine, migrate, parse_url
 from db.schema import cycles
-from db.shipping import Shipper
 from db.store import ResultStore
+from db.upkeep.background import BackgroundWork
+from db.upkeep.check import check_database
+from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
 
 ROOT = Path(__file__).parents[2]

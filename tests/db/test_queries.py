@@ -14,7 +14,7 @@ import pytest
 from sqlalchemy import text
 
 from alignment.errors import InputError
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import (
     Characteristic,
     Filter,
@@ -30,9 +30,9 @@ from db.queries import (
     yield_counts,
 )
 from db.records import CycleOutcome, CycleRecord, Verdict, WheelOutcome
+from db.rows import write_cycles
 from db.store import ResultStore
 from db.sums import bring_up_to_date, check_sums, forget_sums, update_sums
-from db.writing import write_cycles
 from tests.db.example_plant import STATIONS, TYPES, plant
 from tests.db.example_records import CALIBRATION, NOON, WHEELS, station
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from db import retention
-from db.lock import station_lock
-from db.quality_records import RetentionClass
+from db.connection import station_lock
 from db.queries import Filter, ResultReader, events
-from db.retention import Policy, enforce, kept, leaving
+from db.records import RetentionClass
 from db.store import ResultStore
+from db.upkeep import retention
+from db.upkeep.retention import Policy, enforce, kept, leaving
 from station.cli import app
 from station.config import read_configuration
 from station.quality.report_compare import TEMPERATURE

@@ -11,9 +11,8 @@ import pytest
 from sqlalchemy import Connection, Engine, Table, inspect, text
 from sqlalchemy.exc import DBAPIError, IntegrityError
 
-from db.engine import make_engine, parse_url
-from db.quality_records import ArchiveRemoval
-from db.records import CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
+from db.connection import make_engine, parse_url
+from db.records import ArchiveRemoval, CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
 from db.rows import flat_values
 from db.schema import (
     CHANGING,

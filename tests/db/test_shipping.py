@@ -11,15 +11,12 @@ import pytest
 from sqlalchemy import select
 
 from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
-from db.background import BackgroundWork
-from db.engine import make_engine, parse_url
-from db.lock import station_lock
-from db.migrate import migrate
-from db.quality_records import ArchiveRemoval
-from db.records import CalibrationRecord, EventRecord, Severity
+from db.connection import make_engine, migrate, parse_url, station_lock
+from db.records import ArchiveRemoval, CalibrationRecord, EventRecord, Severity
 from db.schema import arrivals, cycles
-from db.shipping import Shipper, StationTakenError
 from db.store import ResultStore
+from db.upkeep.background import BackgroundWork
+from db.upkeep.shipping import Shipper, StationTakenError
 from tests.db.example_records import (
     CALIBRATION,
     NOON,
@@ -140,7 +137,7 @@ def test_a_shipment_whose_end_was_not_seen_is_not_doubled(
 
     with monkeypatch.context() as patched:
         # The central database has committed; the own one does not hear of it.
-        patched.setattr("db.shipping._pending", fails)
+        patched.setattr("db.upkeep.shipping._pending", fails)
         with pytest.raises(KeyboardInterrupt):
             shipper.ship(4)
     assert shipper.pending() == 7

@@ -10,11 +10,11 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from db.engine import make_engine, parse_url
+from db.connection import make_engine, parse_url
 from db.queries import Filter, ResultReader, VehicleSince, since_check, since_last_good_check
 from db.records import CalibrationRecord, CheckKind, CheckOutcome, CycleOutcome, CycleRecord, VehicleRecord
+from db.rows import write_cycles
 from db.store import ResultStore
-from db.writing import write_cycles
 from tests.db.example_plant import STATIONS, plant
 from tests.db.example_records import CALIBRATION, NOON, WHEELS, check, cycle, installation, station, wheel
 

@@ -19,8 +19,7 @@ from sqlalchemy import event
 from sqlalchemy.pool import Pool
 
 from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
-from db.engine import describe, parse_url
-from db.migrate import migrate
+from db.connection import describe, migrate, parse_url
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, cycle, wheel
 

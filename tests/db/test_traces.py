@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from db.engine import make_engine, parse_url
-from db.quality_records import ArchiveRemoval, StudyKind
+from db.connection import make_engine, parse_url
 from db.queries import (
     Filter,
     ResultReader,
@@ -21,12 +20,14 @@ from db.queries import (
     vin_history,
 )
 from db.records import (
+    ArchiveRemoval,
     CalibrationRecord,
     CheckKind,
     CheckOutcome,
     CycleRecord,
     EventRecord,
     Severity,
+    StudyKind,
     VehicleRecord,
 )
 from db.store import ResultStore

@@ -9,12 +9,10 @@ import pytest
 from sqlalchemy import Connection, text
 
 from alignment.errors import StoreSchemaError
-from db.check import check_database
-from db.engine import make_engine, parse_url
-from db.migrate import _revisions, current_revision, head_revision, migrate
-from db.partitions import CYCLES_PER_PARTITION, ensure_partitions
-from db.quality_records import ArchiveRemoval
-from db.records import CycleRecord, EventRecord, Severity
+from db.connection import make_engine, parse_url
+from db.connection.migrate import _revisions, current_revision, head_revision, migrate
+from db.records import ArchiveRemoval, CycleRecord, EventRecord, Severity
+from db.rows import write_record
 from db.schema import (
     axle_results,
     calibration_checks,
@@ -27,10 +25,11 @@ from db.schema import (
     zero_measurements,
     zero_revocations,
 )
-from db.shipping import Shipper
+from db.schema.partitions import CYCLES_PER_PARTITION, ensure_partitions
 from db.store import ResultStore
 from db.sums import bring_up_to_date
-from db.writing import write_record
+from db.upkeep.check import check_database
+from db.upkeep.shipping import Shipper
 from tests.db.example_plant import plant
 from tests.db.example_records import (
     CALIBRATION,
@@ -72,7 +71,7 @@ def fill(url: str, revision: str) -> None:
     engine = make_engine(parse_url(url), timeout_s=5.0)
     stored = {"stored_utc": NOON}
     # There was no chain of hashes yet.
-    with patch("db.writing.new_links", return_value=[]), engine.begin() as connection:
+    with patch("db.rows.writing.new_links", return_value=[]), engine.begin() as connection:
         connection.execute(calibrations.insert().values(**given(CALIBRATION), **stored))
         connection.execute(events.insert().values(**given(EVENT)))
         for number, record in enumerate(RECORDS, 1):

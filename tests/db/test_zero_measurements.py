@@ -9,8 +9,7 @@ from datetime import timedelta
 import pytest
 
 from alignment.errors import InputError, StoreError
-from db.engine import make_engine, parse_url
-from db.migrate import current_revision, head_revision, migrate
+from db.connection import current_revision, head_revision, make_engine, migrate, parse_url
 from db.records import CalibrationRecord
 from db.schema import calibrations, cycles, vehicles, wheel_results
 from db.store import ResultStore

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 
 from alignment.errors import StoreUnavailableError
-from db.quality_records import ArchivedShotRecord, RetentionClass
 from db.queries import ResultReader, vin_history
-from db.records import CycleRecord, Verdict
-from db.retention import Policy, enforce, kept
+from db.records import ArchivedShotRecord, CycleRecord, RetentionClass, Verdict
 from db.store import ResultStore
+from db.upkeep.retention import Policy, enforce, kept
 from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
@@ -134,7 +133,7 @@ def test_files_that_could_not_be_deleted_are_tried_again(
         raise PermissionError
 
     with monkeypatch.context() as patched:
-        patched.setattr("db.retention.shutil.rmtree", refuse)
+        patched.setattr("db.upkeep.retention.shutil.rmtree", refuse)
         enforce(store, tmp_path / "images", replace(WIDE, most_bytes=0), NOON)
     assert left(tmp_path) == {str(record.uuid)}
     assert kept(store).shots == 0

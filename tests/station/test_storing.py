@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from alignment.errors import ConfigurationError, StoreUnavailableError
-from db.quality_records import StationRecord
+from db.records import StationRecord
 from station.config import Configuration, read_configuration
 from station.storing import describe_station, limits_of, open_store
 from tests.station.bench import TODAY

@@ -10,7 +10,7 @@ from uuid import UUID
 import numpy as np
 import pytest
 
-from db.migrate import migrate
+from db.connection import migrate
 from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,

@@ -16,11 +16,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pypdf import PdfReader
 
-from db.angle_verdicts import AngleVerdict, Side, judge_angle, missed_limit
+from db.connection import migrate
 from db.exports.rows import AngleRow, angle_rows
-from db.migrate import migrate
 from db.queries import ResultReader
-from db.records import CycleOutcome, StoredCycle, VehicleRecord, Verdict
+from db.records import (
+    AngleVerdict,
+    CycleOutcome,
+    Side,
+    StoredCycle,
+    VehicleRecord,
+    Verdict,
+    judge_angle,
+    missed_limit,
+)
 from db.store import ResultStore
 from station.evaluation import Evaluation, evaluate
 from station.quality.selection import newest_vin

@@ -11,8 +11,8 @@ from uuid import UUID
 import pyarrow.parquet as pq
 import pytest
 
-from db.quality_records import StudyKind
 from db.queries import Characteristic
+from db.records import StudyKind
 from station.quality.gauge_store import plan_study
 from tests.station.quality.conftest import PER_STATION, STATIONS
 

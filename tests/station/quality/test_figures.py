@@ -16,8 +16,8 @@ from pypdf import PdfReader
 from scipy import stats
 
 from alignment.statistics.choices import GrrMethod, Judgement
-from db.quality_records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.queries import Characteristic, Filter, ResultReader, value_series
+from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.csv_table import read_table
 from station.quality.gauge_analysis import analyse_grr, analyse_stability, analyse_type1
 from station.quality.gauge_file import GaugeRow

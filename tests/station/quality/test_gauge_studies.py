@@ -13,10 +13,9 @@ import pytest
 
 from alignment.errors import ConfigurationError, InputError
 from alignment.statistics.choices import GrrMethod
-from db.migrate import migrate
-from db.quality_records import StudyKind
+from db.connection import migrate
 from db.queries import Characteristic
-from db.records import VehicleRecord
+from db.records import StudyKind, VehicleRecord
 from db.store import ResultStore
 from station.cli import main
 from station.quality.gauge_analysis import analyse_grr

@@ -230,7 +230,7 @@ def test_html_holds_its_pictures_and_needs_no_network(month: str, run: Run, tmp_
 
 
 def test_markup_in_names_stays_text(run: Run, tmp_path: Path) -> None:
-    from db.migrate import migrate
+    from db.connection import migrate
     from db.records import VehicleRecord
     from db.store import ResultStore
     from tests.db.example_records import CALIBRATION, cycle

@@ -12,7 +12,7 @@ from uuid import UUID
 
 import pytest
 
-from db.migrate import migrate
+from db.connection import migrate
 from db.records import VehicleRecord, Verdict
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, NOON, cycle, wheel

@@ -13,8 +13,8 @@ from pathlib import Path
 from sqlalchemy import func, select
 
 from alignment.errors import StoreUnavailableError
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
+from db.connection.engine import describe, make_engine, parse_url
+from db.connection.failures import store_errors
 
 
 @contextmanager

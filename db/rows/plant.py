@@ -7,8 +7,8 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Select, Table, select
 
-from db.quality_records import InstallationRecord, StationRecord, VehicleTypeRecord
-from db.rows import INSTALLATIONS, LIMITS, STATIONS, read_stations, record_of
+from db.records import InstallationRecord, StationRecord, VehicleTypeRecord
+from db.rows.reading import INSTALLATIONS, LIMITS, STATIONS, read_stations, record_of
 from db.schema import installations, rigs, station_versions, stations, vehicle_type_limits
 
 

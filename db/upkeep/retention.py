@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sqlalchemy import ColumnElement, Connection, func, select
 
-from db.quality_records import ArchivedShotRecord, ArchiveRemoval, RetentionClass
+from db.records import ArchivedShotRecord, ArchiveRemoval, RetentionClass
 from db.rows import SHOTS, record_of
 from db.schema import archive_removals, archived_shots
 from db.store import ResultStore

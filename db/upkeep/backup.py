@@ -15,9 +15,7 @@ from sqlalchemy import URL, inspect
 
 from alignment.errors import FormatError, StoreDamagedError, StoreError, StoreUnavailableError
 from alignment.file_limits import BACKUP, WANTED_CURE, unfit_kind, unfit_size
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
-from db.migrate import current_revision, require_file
+from db.connection import current_revision, describe, make_engine, parse_url, require_file, store_errors
 
 _LONGEST_S = 24 * 3600.0
 _SQLITE_HEADER = b"SQLite format 3\0"

@@ -22,9 +22,8 @@ from uuid import UUID
 from sqlalchemy import Connection, bindparam, select, text
 
 from alignment.errors import StoreUnavailableError
-from db.quality_records import ArchivedShotRecord
-from db.records import AxleRecord, CycleRecord, VehicleAnglesRecord, WheelRecord
-from db.rows import KIND_OF, key_of
+from db.records import ArchivedShotRecord, AxleRecord, CycleRecord, VehicleAnglesRecord, WheelRecord
+from db.rows.reading import KIND_OF, key_of
 from db.schema import chain_links, cycles
 
 # What the first link of a chain holds in place of the one before.

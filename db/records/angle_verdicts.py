@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 
-from db.records import Verdict
+from db.records.results import Verdict
 
 
 class AngleVerdict(enum.StrEnum):

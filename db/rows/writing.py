@@ -13,26 +13,24 @@ from sqlalchemy import JSON, Connection, Insert, Table, Text, bindparam, cast, c
 from sqlalchemy.dialects import postgresql
 
 from alignment.errors import StoreError
-from db.chain import new_links
-from db.quality_records import (
+from db.records import (
     ArchivedShotRecord,
     ArchiveRemoval,
-    GaugeStudyRecord,
-    GaugeValueRecord,
-    InstallationRecord,
-    StationRecord,
-    VehicleTypeRecord,
-)
-from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
     EventRecord,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    StationRecord,
     VehicleRecord,
+    VehicleTypeRecord,
     ZeroRecord,
     ZeroRevocation,
 )
-from db.rows import CYCLES, KIND_OF, PORTION, flat_values, key_of, load_records, read_cycles
+from db.rows.chain import new_links
+from db.rows.reading import CYCLES, KIND_OF, PORTION, flat_values, key_of, load_records, read_cycles
 from db.schema import (
     archive_removals,
     archived_shots,

@@ -11,7 +11,8 @@ from uuid import UUID
 
 from sqlalchemy import Connection, Row, String, Table, cast, func, select
 
-from db.chain import (
+from db.rows import (
+    KINDS,
     NOTHING_BEFORE,
     PARTS,
     START,
@@ -19,17 +20,17 @@ from db.chain import (
     content_names,
     digest,
     link_hash,
+    query_of,
     row_name,
     rows_text,
 )
-from db.partitions import detached_ranges
-from db.rows import KINDS, query_of
 from db.schema import (
     archive_removals,
     archived_shots,
     chain_links,
     metadata,
 )
+from db.schema.partitions import detached_ranges
 
 _PORTION = 500
 # Findings of one kind that are told one by one.

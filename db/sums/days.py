@@ -8,8 +8,8 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
-from db.partial_sums import SUMS, counted, merged
 from db.schema import result_counts, sums_state, value_sums
+from db.sums.partial import SUMS, counted, merged
 
 DAY = 24
 

@@ -15,8 +15,8 @@ from sqlalchemy.exc import ArgumentError
 
 from alignment.errors import ConfigurationError
 from alignment.file_limits import unfit_kind
-from db.files import WatchedConnection, companions, identity_of, replaced
-from db.server import bounded_connection
+from db.connection.files import WatchedConnection, companions, identity_of, replaced
+from db.connection.server import bounded_connection
 
 _DRIVERS = {"sqlite": "sqlite+pysqlite", "postgresql": "postgresql+psycopg"}
 _SECRET_KEYS = ("password", "sslpassword")
@@ -183,7 +183,7 @@ class _SqliteCreator:
         )  # fmt: skip
         try:
             connection.opened = {}
-            # SQLite has no variance of its own; see db.partial_sums.
+            # SQLite has no variance of its own; see db.sums.partial.
             connection.create_aggregate("squared_deviations", 1, _SquaredDeviations)  # type: ignore[arg-type]
             if mode == "ro":
                 connection.execute("PRAGMA query_only=ON")

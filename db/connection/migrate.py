@@ -11,9 +11,9 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import URL, Connection, inspect, text
 
 from alignment.errors import StoreSchemaError, StoreUnavailableError
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
-from db.partitions import ensure_partitions
+from db.connection.engine import describe, make_engine, parse_url
+from db.connection.failures import store_errors
+from db.schema.partitions import ensure_partitions
 
 # An arbitrary number that all Truewheel programs share: only one at a time migrates a PostgreSQL database.
 _MIGRATION_LOCK = 7_206_155_014
@@ -146,7 +146,7 @@ def require_file(url: URL) -> None:
 def _config() -> Config:
     config = Config()
     # Alembic reads % as the start of an interpolation.
-    folder = str(Path(__file__).parent / "migrations").replace("%", "%%")
+    folder = str(Path(__file__).parents[1] / "migrations").replace("%", "%%")
     config.set_main_option("script_location", folder)
     config.set_main_option("path_separator", "os")
     return config

@@ -11,25 +11,23 @@ from uuid import UUID
 from sqlalchemy import Connection, RowMapping, Select, Table, Uuid, select
 
 from alignment.errors import InputError
-from db.quality_records import (
+from db.records import (
     ArchivedShotRecord,
     ArchiveRemoval,
-    GaugeStudyRecord,
-    GaugeValueRecord,
-    InstallationRecord,
-    StationRecord,
-    VehicleTypeRecord,
-)
-from db.records import (
     AxleRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
     EventRecord,
+    GaugeStudyRecord,
+    GaugeValueRecord,
+    InstallationRecord,
+    StationRecord,
     StoredCycle,
     StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
+    VehicleTypeRecord,
     WheelRecord,
     ZeroRecord,
     ZeroRevocation,
@@ -118,7 +116,7 @@ def record_of(kind: type[_Record], row: RowMapping, **nested: Any) -> _Record:
     Raises
     ------
     ValueError
-        When the row holds what no record can; `db.failures.store_errors` calls it damage.
+        When the row holds what no record can; `db.connection.failures.store_errors` calls it damage.
     """
     names = [item.name for item in fields(kind) if item.name not in nested and item.name in row]
     try:

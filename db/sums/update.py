@@ -14,8 +14,17 @@ from typing import Any
 from sqlalchemy import Connection, Engine, delete, func, literal, select, text, union_all, update
 from sqlalchemy.dialects import postgresql, sqlite
 
-from db.day_sums import day_differences, sums_agree
-from db.partial_sums import (
+from db.schema import (
+    counted_categories,
+    cycles,
+    result_counts,
+    stations,
+    summed_characteristics,
+    sums_state,
+    value_sums,
+)
+from db.sums.days import day_differences, sums_agree
+from db.sums.partial import (
     CATEGORY,
     CHARACTERISTIC,
     SUMS,
@@ -27,15 +36,6 @@ from db.partial_sums import (
     raw_outcomes,
     raw_values,
     same,
-)
-from db.schema import (
-    counted_categories,
-    cycles,
-    result_counts,
-    stations,
-    summed_characteristics,
-    sums_state,
-    value_sums,
 )
 
 # A day is closed when results of two hours after it have come.

@@ -10,15 +10,20 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, func, select
 
-from db.cells import cell_findings, impossible_times
-from db.chain import Head
-from db.chain_check import ChainReport, check_chains
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
-from db.migrate import check_revision, head_revision, require_file
-from db.rows import load_records
+from db.connection import (
+    check_revision,
+    describe,
+    head_revision,
+    make_engine,
+    parse_url,
+    require_file,
+    store_errors,
+)
+from db.rows import Head, load_records
 from db.schema import arrivals, calibrations, cycles, outbox, shipments, sums_state, wheel_results
 from db.sums import check_sums
+from db.upkeep.cells import cell_findings, impossible_times
+from db.upkeep.chain_check import ChainReport, check_chains
 
 _PORTION = 5000
 

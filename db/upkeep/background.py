@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Self
 
 from alignment.errors import StoreError
-from db.engine import make_engine, parse_url
-from db.failures import store_errors
-from db.partitions import ensure_partitions
+from db.connection import make_engine, parse_url, store_errors
 from db.records import EventRecord, Severity
-from db.shipping import Shipper, StationTakenError
+from db.schema.partitions import ensure_partitions
 from db.store import ResultStore
 from db.sums import update_sums
+from db.upkeep.shipping import Shipper, StationTakenError
 
 _LOG = logging.getLogger("truewheel.store")
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 1.0, 60.0

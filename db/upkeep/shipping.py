@@ -20,12 +20,9 @@ from sqlalchemy import Connection, Engine, Row, func, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
-from db.engine import describe, make_engine, parse_url
-from db.failures import store_errors
-from db.migrate import check_revision, require_file
-from db.rows import load_records
+from db.connection import check_revision, describe, make_engine, parse_url, require_file, store_errors
+from db.rows import insert_rows, load_records, write_cycles, write_record
 from db.schema import arrivals, outbox, shipments, station_leases
-from db.writing import insert_rows, write_cycles, write_record
 
 _PORTION = 200
 

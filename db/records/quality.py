@@ -1,6 +1,6 @@
 """Records beside the results: what a station is, the limits it judges by, gauge studies, archived images.
 
-Conventions as in `db.records`.
+Conventions as in `db.records.results`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID, uuid4
 
-from db.records import as_read_back, check_values
+from db.records.results import as_read_back, check_values
 
 
 class StudyKind(enum.StrEnum):

@@ -1,0 +1,32 @@
+"""Reaching a database: URL, bounded connections, errors, the schema's revision, one program per station."""
+
+from db.connection.engine import describe, look_at_files, make_engine, parse_url
+from db.connection.failures import store_errors
+from db.connection.files import WatchedConnection
+from db.connection.lock import station_lock
+from db.connection.migrate import (
+    check_revision,
+    current_revision,
+    head_revision,
+    migrate,
+    require_file,
+    revision_of,
+    upgrade,
+)
+
+__all__ = [
+    "WatchedConnection",
+    "check_revision",
+    "current_revision",
+    "describe",
+    "head_revision",
+    "look_at_files",
+    "make_engine",
+    "migrate",
+    "parse_url",
+    "require_file",
+    "revision_of",
+    "station_lock",
+    "store_errors",
+    "upgrade",
+]

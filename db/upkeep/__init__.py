@@ -1,0 +1,1 @@
+"""What keeps a database well: checks, backups, retention, shipping, the work beside the station."""
