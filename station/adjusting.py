@@ -10,9 +10,9 @@ from typing import Protocol, Self
 
 from alignment.errors import TruewheelError
 from db.records import ZeroRecord
+from station.configuration.vehicle_types import VehicleType
 from station.evaluation import evaluate
 from station.line.messages import LineErrorCode, LiveAngles, LiveState
-from station.vehicle_types import VehicleType
 from station.verdict import Status, combined
 from station.wheel_threads import WheelThreads
 from station.wheels import WheelPosition, WheelResult, fault

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 
 from station.composition import OpenStation, open_station
-from station.config import Configuration, read_configuration
+from station.configuration.settings import Configuration, read_configuration
 from station.line.messages import StationState
 from station.ports import CycleReport, Observer
 from station.warm_up.prepare import StoppedError

@@ -22,8 +22,8 @@ from db.upkeep.retention import Policy, enforce
 from sensors.formats.shot import write_shot
 from sensors.shot import WheelShot
 from station.line.messages import StationState
-from station.line.supervised import SupervisedThread
 from station.ports import CycleReport, Observer
+from station.threads.supervised import SupervisedThread
 from station.wheels import WheelPosition, WheelResult, utc_now
 
 _LOG = logging.getLogger("truewheel.archive")

@@ -10,7 +10,7 @@ from urllib.parse import unquote
 from alignment.errors import ConfigurationError, TruewheelError
 from db.connection import parse_url
 from station.composition import read_rig_calibration, recorded_folders
-from station.config import Configuration, RigSettings, read_configuration
+from station.configuration.settings import Configuration, RigSettings, read_configuration
 from station.line.channel import require_interface
 from station.line.dbc import load_line_database
 

@@ -23,7 +23,13 @@ from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
 from station.archive import ArchivingObserver, ImageArchive
-from station.config import Configuration, RecordedOptions, RigSettings, SimulatedOptions, StationConfig
+from station.configuration.settings import (
+    Configuration,
+    RecordedOptions,
+    RigSettings,
+    SimulatedOptions,
+    StationConfig,
+)
 from station.cycle import MeasuringCycle
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings

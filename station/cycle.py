@@ -21,6 +21,7 @@ from db.records import CycleRecord, Severity, ZeroRecord
 from station.adjusting import Adjusting
 from station.calibration_images import CalibrationImages
 from station.coalesced import Coalesced
+from station.configuration.vehicle_types import VehicleType
 from station.cycle_record import cycle_record
 from station.evaluation import axle_of, evaluate
 from station.held import Closing, Held
@@ -43,8 +44,7 @@ from station.master_check import master_checks, unfit_master
 from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.records import Standing, answers_of
 from station.states import StateMachine
-from station.threads import ThreadHealth, ThreadWatch, Watched
-from station.vehicle_types import VehicleType
+from station.threads.health import ThreadHealth, ThreadWatch, Watched
 from station.wheel_threads import WheelThreads
 from station.wheels import (
     ABORTED,

@@ -6,11 +6,11 @@ from datetime import datetime
 from uuid import uuid4
 
 from db.records import CycleOutcome, CycleRecord, VehicleRecord
+from station.configuration.vehicle_types import VehicleType
 from station.evaluation import Evaluation
 from station.line.messages import Abort, Command, LineErrorCode, Trigger
 from station.ports import Identity
 from station.records import axle_records, last_measured, vehicle_record, wheel_records
-from station.vehicle_types import VehicleType
 from station.verdict import cycle_outcome
 
 

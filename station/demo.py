@@ -18,7 +18,8 @@ from alignment.errors import ConfigurationError, LineError, StoreError
 from db.records import CycleOutcome, Verdict, WheelOutcome
 from sensors.formats.truth import WheelTruth
 from station.composition import OpenStation, open_station
-from station.config import Configuration
+from station.configuration.settings import Configuration
+from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.evaluation import JudgedWheel, axle_of
 from station.line.bus import open_bus
 from station.line.channel import BusSettings
@@ -28,7 +29,6 @@ from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.ports import CycleReport, Observer
 from station.simulated import PoseDrawer, SimulatedRig, angles_about
-from station.vehicle_types import Tolerance, VehicleType
 from station.verdict import combined
 from station.wheels import WheelResult
 

@@ -12,7 +12,7 @@ from alignment.vehicle.axles import (
     axle_angles,
     vehicle_angles,
 )
-from station.vehicle_types import Tolerance, VehicleType
+from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.verdict import Angle
 from station.wheels import Failure, WheelResult
 

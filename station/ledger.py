@@ -25,7 +25,7 @@ from station.owed import Owed
 from station.ports import Identity, Store
 from station.records import Standing
 from station.store_thread import StoreThread
-from station.worker import Worker
+from station.threads.worker import Worker
 
 _LOG = logging.getLogger("truewheel.station")
 

@@ -8,8 +8,8 @@ from pydantic import BaseModel
 
 from alignment.errors import ConfigurationError
 from sensors.formats import SCHEMAS
-from station.config import StationConfig
-from station.vehicle_types import VehicleType
+from station.configuration.settings import StationConfig
+from station.configuration.vehicle_types import VehicleType
 
 
 def schema_of(name: str) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from db.upkeep.background import BackgroundWork, StoreHealth
 from db.upkeep.retention import Policy
 from db.upkeep.shipping import Shipper
 from station.archive import ImageArchive
-from station.config import ArchiveSettings, Configuration
-from station.vehicle_types import Tolerance, VehicleType
+from station.configuration.settings import ArchiveSettings, Configuration
+from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.wheels import WheelPosition
 
 

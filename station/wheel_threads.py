@@ -13,8 +13,8 @@ from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import TruewheelError
 from station.line.messages import LineErrorCode
+from station.threads.worker import Worker, WorkerError
 from station.wheels import Failure, fault
-from station.worker import Worker, WorkerError
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

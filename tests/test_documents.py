@@ -24,8 +24,8 @@ from db.records import EventRecord, Severity
 from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
 from station.cli import app, main
-from station.config import StationConfig
-from station.toml import read_toml
+from station.configuration.settings import StationConfig
+from station.configuration.toml import read_toml
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import write_month
 

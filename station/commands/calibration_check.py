@@ -58,7 +58,7 @@ def check_command(
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration_file
     from station.calibration_check import CheckLimits, MasterWheel, check_folder, store_check
-    from station.config import read_configuration
+    from station.configuration.settings import read_configuration
 
     if (camber is None) != (toe is None):
         raise ConfigurationError(

@@ -20,7 +20,7 @@ def init(
     as_json: JsonFlag = False,
 ) -> None:
     """Write a configuration with simulated rigs that starts as it stands, to be edited."""
-    from station.starter import write_starter
+    from station.configuration.starter import write_starter
 
     written = write_starter(folder, station)
     if as_json:

@@ -163,7 +163,7 @@ def retention(
     from db.connection import station_lock
     from db.store import ResultStore
     from db.upkeep.retention import enforce, kept, leaving
-    from station.config import read_configuration
+    from station.configuration.settings import read_configuration
     from station.storing import archive_policy
 
     configuration = read_configuration(default_config(config))

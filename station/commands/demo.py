@@ -44,7 +44,7 @@ def demo(
         TimeRemainingColumn,
     )
 
-    from station.config import read_configuration
+    from station.configuration.settings import read_configuration
 
     folder = out or Path("out") / f"demo-{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))

@@ -15,7 +15,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print
 if TYPE_CHECKING:
     import can
 
-    from station.config import Configuration
+    from station.configuration.settings import Configuration
     from station.line.channel import BusSettings
     from station.line.dbc import LineDatabase
     from station.line.orders import PlcOrder, PlcResult
@@ -202,7 +202,7 @@ def document(
 
 
 def _read(config: Path | None) -> Configuration:
-    from station.config import read_configuration
+    from station.configuration.settings import read_configuration
 
     return read_configuration(default_config(config))
 

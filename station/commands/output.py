@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from alignment.errors import ConfigurationError
-from station.starter import SHIPPED, own_configuration
+from station.configuration.starter import SHIPPED, own_configuration
 
 GOAL_MISSED = 1
 BAD_INPUT = 2

@@ -56,7 +56,7 @@ def measure(
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration, read_shot
     from station.commands.spin import measure_turned_wheel
-    from station.config import read_configuration
+    from station.configuration.settings import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
     if spin:

@@ -17,7 +17,7 @@ from alignment.errors import ConfigurationError, LineConnectionError
 from station.coalesced import Coalesced
 from station.line.bus_log import open_log
 from station.line.channel import BusSettings, Channel
-from station.line.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread
 
 RECEIVE_WAIT_S = 0.05
 SEND_TIMEOUT_S = 0.2

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from station.line.channel import BusSettings
-from station.line.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread
 
 SLCAN_OPTIONS: dict[str, Any] = {"sleep_after_open": 0.0}
 _CHUNK = 65_536

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from cantools.database.can import Message
 from cantools.database.can.signal import Signal
 
-from station.config import CycleSettings, DatabaseSettings
+from station.configuration.settings import CycleSettings, DatabaseSettings
 from station.line.dbc import LineDatabase, Value
 from station.line.document_code import C_CODE, PLC_PROGRAM
 from station.line.document_text import (

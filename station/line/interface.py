@@ -53,8 +53,8 @@ from station.line.messages import (
 from station.line.options import DEFAULT_OPTIONS, LineHealth, LineOptions
 from station.line.results import blank_frames, live_frame, result_frames
 from station.line.status import answer_frame, detail_frame, info_frame, status_frame
-from station.line.supervised import SupervisedThread
 from station.line.vin import VinAssembly, VinState
+from station.threads.supervised import SupervisedThread
 
 STATUS_PERIOD_S = 0.1
 COMMUNICATION_TIMEOUT_S = 0.5

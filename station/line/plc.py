@@ -44,8 +44,8 @@ from station.line.orders import (
 )
 from station.line.plc_results import missing_results, read_results
 from station.line.station_view import StationView
-from station.line.supervised import SupervisedThread
 from station.line.vin import checked_vin
+from station.threads.supervised import SupervisedThread
 
 COMMAND_PERIOD_S = 0.1
 KeepResult = Callable[[int, VehicleReport, tuple[WheelAnswer, ...]], None]

@@ -16,9 +16,9 @@ from pydantic import Field, model_validator
 
 from alignment.errors import DegenerateInputError
 from sensors.formats.validation import StrictModel
+from station.configuration.toml import read_toml
 from station.line.conformance import POINTS, point_named, try_point
 from station.line.trial import Trial, Vehicles, Verdict
-from station.toml import read_toml
 
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")]
 

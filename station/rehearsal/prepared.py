@@ -28,13 +28,13 @@ from alignment.values import (
 from db.records import ZeroRecord
 from db.store import ResultStore
 from sensors.shot import WheelShot
+from station.configuration.vehicle_types import VehicleType
 from station.cycle import MeasuringCycle
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
 from station.line.options import DEFAULT_OPTIONS, LineOptions
 from station.ports import Bounds, Identity, Line, Observer, Store
-from station.vehicle_types import VehicleType
 from station.wheels import CalibrationInForce, WheelPosition, WheelResult, utc_now
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")

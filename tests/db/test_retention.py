@@ -18,7 +18,7 @@ from db.store import ResultStore
 from db.upkeep import retention
 from db.upkeep.retention import Policy, enforce, kept, leaving
 from station.cli import app
-from station.config import read_configuration
+from station.configuration.settings import read_configuration
 from station.quality.report_compare import TEMPERATURE
 from tests.db.example_records import CALIBRATION, cycle, shot, station
 

@@ -25,7 +25,7 @@ from sensors.formats import read_image, write_image
 from station import composition
 from station.app import run_station
 from station.cli import exit_status
-from station.config import read_configuration
+from station.configuration.settings import read_configuration
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database

@@ -18,7 +18,7 @@ from db.store import ResultStore
 from sensors.formats import read_image, read_truth, write_image
 from station.app import run_station
 from station.cli import exit_status
-from station.config import read_configuration
+from station.configuration.settings import read_configuration
 from station.line.bus import open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import load_line_database

@@ -22,8 +22,8 @@ from alignment.errors import ConfigurationError, FormatError
 from alignment.file_limits import DOCUMENT, in_words, unfit_kind, unfit_size
 from sensors.formats import read_image, write_calibration, write_shot
 from sensors.formats.files import entries, open_ordinary, read_bytes
+from station.configuration.vehicle_types import read_vehicle_types
 from station.line.monitor import read_log
-from station.vehicle_types import read_vehicle_types
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 from tests.sensors.samples import TIME, calibration, shot
 

@@ -16,6 +16,7 @@ import numpy as np
 from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
 from alignment.values import MeasureSettings, Refusal, WheelMeasurement
 from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
+from station.configuration.vehicle_types import VehicleType
 from station.cycle import MeasuringCycle
 from station.line.messages import (
     Acknowledge,
@@ -30,7 +31,6 @@ from station.line.messages import (
     overall_outcome,
 )
 from station.ports import Bounds, CycleReport, Identity
-from station.vehicle_types import VehicleType
 from station.wheels import CalibrationInForce, MeasureFunction, WheelPosition
 from tests.sensors.samples import calibration as sample_calibration
 from tests.sensors.samples import shot as sample_shot

@@ -10,9 +10,9 @@ import pytest
 from alignment.errors import ConfigurationError
 from sensors.simulation.rigs import RIG_SPECS
 from sensors.simulation.tyre import SHAPES
-from station.config import SimulatedOptions, StationConfig, read_configuration
+from station.configuration.settings import SimulatedOptions, StationConfig, read_configuration
+from station.configuration.vehicle_types import VehicleType, read_vehicle_types
 from station.simulation import SimulationConfig, read_simulation
-from station.vehicle_types import VehicleType, read_vehicle_types
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

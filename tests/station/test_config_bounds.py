@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from station.config import (
+from station.configuration.settings import (
     ArchiveSettings,
     CameraOptions,
     CycleSettings,
@@ -23,8 +23,8 @@ from station.config import (
     StationConfig,
     StationSettings,
 )
+from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.simulation import OpticsOptions, PatternOptions, SimulationConfig
-from station.vehicle_types import Tolerance, VehicleType
 
 NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     StationSettings: {"id": "station_1", "name": "One", "plant": "Plant"},

@@ -13,6 +13,7 @@ import pytest
 
 from alignment.values import WheelMeasurement
 from db.records import CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelOutcome
+from station.configuration.vehicle_types import VehicleType
 from station.contradiction import contradicts
 from station.cycle_record import cycle_record
 from station.evaluation import Evaluation, evaluate
@@ -21,7 +22,6 @@ from station.line.messages import LineErrorCode, Mode, Outcome, Quality, Trigger
 from station.line.results import result_frames
 from station.ports import Identity
 from station.records import Standing, answers_of
-from station.vehicle_types import VehicleType
 from station.verdict import Status
 from station.wheels import Failure, WheelResult, fault
 from tests.station.bench import AXLE, KIND, TODAY, TOLERANCE, VIN, WHEELS, measurement

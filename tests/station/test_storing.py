@@ -10,7 +10,7 @@ import pytest
 
 from alignment.errors import ConfigurationError, StoreUnavailableError
 from db.records import StationRecord
-from station.config import Configuration, read_configuration
+from station.configuration.settings import Configuration, read_configuration
 from station.storing import describe_station, limits_of, open_store
 from tests.station.bench import TODAY
 

@@ -10,10 +10,10 @@ import pytest
 
 from alignment.errors import CameraError, StoreError, StoreUnavailableError
 from station.line.messages import LineErrorCode, Mode, Outcome, Reset, StationState, Stop
-from station.line.supervised import SupervisedThread
 from station.store_thread import StoreThread
-from station.threads import ThreadWatch
-from station.worker import Worker, WorkerError
+from station.threads.health import ThreadWatch
+from station.threads.supervised import SupervisedThread
+from station.threads.worker import Worker, WorkerError
 from tests.station.bench import GATE_S, WHEELS, Bench, assert_set, open_bench
 
 UNFORESEEN = [

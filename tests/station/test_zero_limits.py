@@ -23,7 +23,7 @@ from alignment.values import MeasureSettings, WheelMeasurement
 from db.store import ResultStore
 from sensors.formats import write_calibration
 from station.cli import main
-from station.config import StationConfig, read_configuration
+from station.configuration.settings import StationConfig, read_configuration
 from station.zero import MasterWheel, measure_zero
 from tests.end_to_end.conftest import CONFIGS
 from tests.station.bench import measurement

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from station.cli import main
-from station.config import read_configuration
+from station.configuration.settings import read_configuration
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

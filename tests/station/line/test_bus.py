@@ -15,7 +15,7 @@ from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase
 from station.line.monitor import decode_log
 from station.line.protection import Protector
-from station.line.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread
 from tests.station.line.line_bench import WAIT_S, FakeCanBus, command_frame
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from alignment.errors import ConfigurationError
 from station.composition import bus_settings
-from station.config import read_configuration
+from station.configuration.settings import read_configuration
 from station.line.bus import LineBus, open_bus
 from station.line.bus_log import open_log
 from station.line.channel import BusSettings

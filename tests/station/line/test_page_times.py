@@ -10,12 +10,12 @@ import pytest
 
 from alignment.errors import ConfigurationError, LineConnectionError
 from station.composition import cycle_bounds
-from station.config import StationConfig
+from station.configuration.settings import StationConfig
+from station.configuration.toml import read_toml
 from station.line.bus import LineBus
 from station.line.messages import LineErrorCode, Mode, Outcome, WheelAnswer
-from station.line.supervised import SupervisedThread
 from station.store_thread import StoreThread
-from station.toml import read_toml
+from station.threads.supervised import SupervisedThread
 from tests.station.bench import Bench as CycleBench
 from tests.station.bench import open_bench
 from tests.station.line.line_bench import DBC, WAIT_S, Bench, Clock, FakeCanBus

@@ -30,10 +30,10 @@ from db.records import (
     missed_limit,
 )
 from db.store import ResultStore
+from station.configuration.vehicle_types import VehicleType
 from station.evaluation import Evaluation, evaluate
 from station.quality.selection import newest_vin
 from station.records import axle_records, vehicle_record, wheel_records
-from station.vehicle_types import VehicleType
 from station.verdict import Status
 from station.wheels import WheelResult, fault
 from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel

@@ -19,8 +19,8 @@ from sensors.camera import CameraSettings
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import Name, StrictModel
 from sensors.frames import FrameTolerance
-from station.toml import read_toml
-from station.vehicle_types import Label, VehicleType, read_vehicle_types
+from station.configuration.toml import read_toml
+from station.configuration.vehicle_types import Label, VehicleType, read_vehicle_types
 
 SMALLEST_K, LARGEST_K = 1.6, 5.0
 """Believable coverage factors: 1.645 stands for 90 %."""

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from sensors.formats.files import entries
 from sensors.formats.validation import StrictModel
-from station.toml import read_toml
+from station.configuration.toml import read_toml
 from station.verdict import Limits
 
 LARGEST_DEG = 10.0

@@ -16,7 +16,7 @@ from concurrent.futures import Future
 from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import LineError, TruewheelError
-from station.line.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

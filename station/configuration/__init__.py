@@ -1,0 +1,1 @@
+"""What a station is told: its configuration, the vehicle types, and a starter to begin with."""

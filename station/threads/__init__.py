@@ -1,0 +1,1 @@
+"""Threads that cannot die unseen."""
