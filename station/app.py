@@ -12,8 +12,8 @@ from types import FrameType
 
 from station.composition import OpenStation, open_station
 from station.configuration.settings import Configuration, read_configuration
-from station.line.messages import StationState
-from station.ports import CycleReport, Observer
+from station.cycle.ports import CycleReport, Observer
+from station.cycle.words import StationState
 from station.warm_up.prepare import StoppedError
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")

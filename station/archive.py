@@ -21,10 +21,10 @@ from db.store import ResultStore
 from db.upkeep.retention import Policy, enforce
 from sensors.formats.shot import write_shot
 from sensors.shot import WheelShot
-from station.line.messages import StationState
-from station.ports import CycleReport, Observer
+from station.cycle.ports import CycleReport, Observer
+from station.cycle.positions import WheelPosition, WheelResult, utc_now
+from station.cycle.words import StationState
 from station.threads.supervised import SupervisedThread
-from station.wheels import WheelPosition, WheelResult, utc_now
 
 _LOG = logging.getLogger("truewheel.archive")
 # Images of so many cycles may wait; they take tens of megabytes each.

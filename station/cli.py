@@ -29,12 +29,13 @@ from station.commands.demo import demo
 from station.commands.export import export
 from station.commands.gauge import gauge_app
 from station.commands.line import line_app
-from station.commands.output import BAD_INPUT, STATION_FAULT, own_config, print_json
+from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
 from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.zero import zero_app
+from station.configuration.starter import own_config
 
 app = typer.Typer(
     name="truewheel",

@@ -30,18 +30,18 @@ from station.configuration.settings import (
     SimulatedOptions,
     StationConfig,
 )
-from station.cycle import MeasuringCycle
+from station.cycle.measuring import MeasuringCycle
+from station.cycle.ports import Bounds, Identity, Observer
+from station.cycle.positions import CalibrationInForce, WheelPosition, utc_now
+from station.cycle.words import ErrorCode, Mode, StationState, StationStatus
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
-from station.line.messages import LineErrorCode, Mode, StationState, StationStatus
 from station.line.options import LineOptions
-from station.ports import Bounds, Identity, Observer
 from station.storing import describe_station, open_archive, open_store
 from station.warm_up.needs import Work
 from station.warm_up.prepare import warm_up
-from station.wheels import CalibrationInForce, WheelPosition, utc_now
 
 T = TypeVar("T")
 _UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
@@ -130,7 +130,7 @@ def open_station(
         try:
             warm_up(works_of(configuration), stopping=stopping)
         except WarmUpError:
-            line.publish(StationStatus(StationState.FAULT, LineErrorCode.INTERNAL_FAULT))
+            line.publish(StationStatus(StationState.FAULT, ErrorCode.INTERNAL_FAULT))
             raise
         images = settings.cycle.image_folder
         archive = open_archive(configuration, store)

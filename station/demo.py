@@ -20,17 +20,17 @@ from sensors.formats.truth import WheelTruth
 from station.composition import OpenStation, open_station
 from station.configuration.settings import Configuration
 from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.evaluation import JudgedWheel, axle_of
+from station.cycle.judging import JudgedWheel, axle_of
+from station.cycle.ports import CycleReport, Observer
+from station.cycle.positions import WheelResult
+from station.cycle.verdict import combined
+from station.cycle.words import Outcome
 from station.line.bus import open_bus
 from station.line.channel import BusSettings
-from station.line.messages import Outcome
 from station.line.monitor import decode_log, trace_cycles
 from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
 from station.line.plc import PlcSimulator
-from station.ports import CycleReport, Observer
 from station.simulated import PoseDrawer, SimulatedRig, angles_about
-from station.verdict import combined
-from station.wheels import WheelResult
 
 # A screen behind other work may be slow; a real line would not wait so long.
 _TIMEOUTS = PlcTimeouts(

@@ -17,7 +17,7 @@ from db.upkeep.shipping import Shipper
 from station.archive import ImageArchive
 from station.configuration.settings import ArchiveSettings, Configuration
 from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.wheels import WheelPosition
+from station.cycle.positions import WheelPosition
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Mutation testing of the two modules that decide: `python tools/mutate.py` (all) or `... station.verdict`.
+"""Mutation testing of the two modules that decide: `python tools/mutate.py` (all) or `... station.cycle.verdict`.
 
 Each mutant changes one thing in a module's code (a comparison, a constant, a branch, an enumeration's
 member, a statement) and runs the module's own tests on it in a process of its own. A mutant that no test
@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = {
-    "station.verdict": ("tests/station/test_verdict.py",),
+    "station.cycle.verdict": ("tests/station/test_verdict.py",),
     "station.line.handshake": ("tests/station/line/test_handshake.py",),
 }
 # None of them may load a module that is mutated; what is loaded here each child has at once.

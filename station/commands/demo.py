@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for
+from station.configuration.starter import default_config
 
 if TYPE_CHECKING:
     from rich.table import Table

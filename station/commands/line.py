@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from station.commands.output import GOAL_MISSED, JsonFlag, default_config, print_json
+from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.configuration.starter import default_config
 
 if TYPE_CHECKING:
     import can
@@ -254,7 +255,7 @@ def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) ->
 def _order_vehicles(
     settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], as_json: bool
 ) -> None:
-    from station.line.messages import Outcome
+    from station.cycle.words import Outcome
     from station.line.plc import run_plc
 
     results = []

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-
-from alignment.errors import ConfigurationError
-from station.configuration.starter import SHIPPED, own_configuration
 
 GOAL_MISSED = 1
 BAD_INPUT = 2
@@ -24,65 +20,3 @@ JsonFlag = Annotated[
 def print_json(value: Mapping[str, Any]) -> None:
     """Print one object on standard output."""
     typer.echo(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def own_config(given: Path | None) -> Path:
-    """Return the configuration of the station that is to run: the given one, else that of this folder.
-
-    Unlike `default_config` never the one beside the program, whose database would lie there too.
-
-    Raises
-    ------
-    ConfigurationError
-        When none is given and there is none here.
-    """
-    found = given or own_configuration()
-    if found is None:
-        raise ConfigurationError(
-            file=Path("configs") / "station.toml",
-            expected="a station's configuration",
-            seen="no such file",
-            cure="Name one with --config, or write one to start from: `truewheel init FOLDER`",
-        )
-    return found
-
-
-def default_config(given: Path | None, name: str = "station.toml") -> Path:
-    """Return the configuration to use: the given one, else ``configs/`` here or beside the program.
-
-    Raises
-    ------
-    ConfigurationError
-        When none is given and there is none in either place.
-    """
-    if given is not None:
-        return given
-    place = own_configuration(name) or SHIPPED / name
-    if not place.is_file():
-        raise ConfigurationError(
-            file=place, expected="a configuration", seen="no such file", cure="Name one with --config"
-        )
-    return place
-
-
-def reason_of_force(force: bool, reason: str, what: str, longest: int = 1000) -> str | None:
-    """Return why something is forced; None when it is not.
-
-    Raises
-    ------
-    ConfigurationError
-        When only one of ``--force`` and ``--reason`` is given, or the reason has more than `longest`
-        characters; `what` names what is forced.
-    """
-    if force != bool(reason.strip()):
-        raise ConfigurationError(
-            field="--force, --reason",
-            expected=f"both or neither: a forced {what} says why",
-            seen="--force alone" if force else "--reason alone",
-            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
-        )
-    if len(reason.strip()) > longest:
-        raise ConfigurationError(
-            field="--reason", expected=f"at most {longest} characters", seen=str(len(reason.strip()))
-        )
-    return reason.strip() if force else None

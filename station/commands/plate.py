@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from station.commands.output import JsonFlag, default_config, print_json
+from station.commands.output import JsonFlag, print_json
 from station.commands.warm_up import compiled_for
 from station.commands.wheel import SideOption
+from station.configuration.starter import default_config
 
 
 def simulate_plate_session_command(

@@ -12,8 +12,8 @@ from pydantic import Field, model_validator
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from sensors.formats.files import entries
 from sensors.formats.validation import StrictModel
+from station.configuration.limits import Limits
 from station.configuration.toml import read_toml
-from station.verdict import Limits
 
 LARGEST_DEG = 10.0
 WIDEST_DEG = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}

@@ -14,7 +14,7 @@ import can
 from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
-from station.coalesced import Coalesced
+from station.cycle.coalesced import Coalesced
 from station.line.bus_log import open_log
 from station.line.channel import BusSettings, Channel
 from station.threads.supervised import SupervisedThread

@@ -10,19 +10,12 @@ import itertools
 from collections.abc import Callable, Iterator
 
 from alignment.errors import TruewheelError
+from station.cycle.words import ErrorCode, LiveState, Mode, Outcome
 from station.line.link import Spoil
-from station.line.messages import (
-    CommandAnswer,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
-    LiveState,
-    Mode,
-    Outcome,
-)
+from station.line.messages import CommandAnswer, CommandCode, HandshakeState
 from station.line.trial import Point, Trial, Verdict
 
-C, E = CommandCode, LineErrorCode
+C, E = CommandCode, ErrorCode
 _STATUS_JITTER = 2.0
 _PERIODS = 10
 
@@ -149,7 +142,7 @@ def _unknown_type(trial: Trial) -> None:
     trial.status("ready after the refusal", lambda s: s.ready)
 
 
-def _answered(trial: Trial, code: LineErrorCode) -> bool:
+def _answered(trial: Trial, code: ErrorCode) -> bool:
     answer = trial.plc.view.answer
     return answer is not None and answer.error_code is code
 

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.line.messages import (
-    Answer,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
-    LiveState,
-    Mode,
-    Outcome,
-    Part,
-    Quality,
-    StationState,
-)
+from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Quality, StationState
+from station.line.messages import Answer, CommandCode, HandshakeState, Part
 
 INVALID = "invalid"
 
@@ -60,7 +50,7 @@ FIXED = {
         "Fault": FLAG,
         "Handshake": Need(words=tuple(HandshakeState)),
         "AliveCounter": Need(highest=255),
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
+        "ErrorCode": Need(words=tuple(ErrorCode)),
         "ErrorSequence": _SEQUENCE,
     },
     "CommandAnswer": {
@@ -68,7 +58,7 @@ FIXED = {
         "Sequence": _SEQUENCE,
         "Answer": Need(words=tuple(Answer)),
         "LinkUp": FLAG,
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
+        "ErrorCode": Need(words=tuple(ErrorCode)),
         "HeartbeatEcho": _SEQUENCE,
     },
     "StationInfo": dict.fromkeys(
@@ -77,7 +67,7 @@ FIXED = {
     ),
     "ErrorDetail": {
         "Part": Need(words=tuple(Part)),
-        "ErrorCode": Need(words=tuple(LineErrorCode)),
+        "ErrorCode": Need(words=tuple(ErrorCode)),
         "Sequence": _SEQUENCE,
         "Wheel": Need(words=("none",)),
         "Count": Need(highest=65535),

@@ -9,6 +9,7 @@ from cantools.database.can import Message
 from cantools.database.can.signal import Signal
 
 from station.configuration.settings import CycleSettings, DatabaseSettings
+from station.cycle.words import ErrorCode
 from station.line.dbc import LineDatabase, Value
 from station.line.document_code import C_CODE, PLC_PROGRAM
 from station.line.document_text import (
@@ -23,7 +24,7 @@ from station.line.document_text import (
 from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, EVENTS, Request, Rule
 from station.line.interface import PREPARE_LIFETIME_S
-from station.line.messages import HandshakeState, LineErrorCode
+from station.line.messages import HandshakeState
 from station.line.protection import protect
 
 _E2E = ("E2eCrc", "E2eCounter")
@@ -107,7 +108,7 @@ What happens without a command:
 
 
 def _cell(rule: Rule) -> str:
-    if rule.refusal is not LineErrorCode.NONE:
+    if rule.refusal is not ErrorCode.NONE:
         return f"`{rule.refusal}`"
     return "*harmless*" if rule.target is None else f"→ {rule.target}"
 
@@ -271,9 +272,9 @@ def _error_codes(database: LineDatabase) -> str:
         if s.name == "ErrorCode"
     )
     rows = [
-        [number, f"`{word}`", MEANINGS[LineErrorCode(str(word))].part, *_said(LineErrorCode(str(word)))]
+        [number, f"`{word}`", MEANINGS[ErrorCode(str(word))].part, *_said(ErrorCode(str(word)))]
         for number, word in (signal.choices or {}).items()
-        if str(word) != LineErrorCode.NONE
+        if str(word) != ErrorCode.NONE
     ]
     return (
         "## Error codes\n\nBelow 100 they are the answer to a command and leave the station as it was; from "
@@ -281,5 +282,5 @@ def _error_codes(database: LineDatabase) -> str:
     )
 
 
-def _said(code: LineErrorCode) -> tuple[str, str]:
+def _said(code: ErrorCode) -> tuple[str, str]:
     return MEANINGS[code].cause, MEANINGS[code].cure

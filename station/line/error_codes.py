@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.line.messages import LineErrorCode, Part
+from station.cycle.words import ErrorCode
+from station.line.messages import Part
 
 
 @dataclass(frozen=True)
@@ -16,123 +17,123 @@ class Meaning:
     cure: str
 
 
-MEANINGS: dict[LineErrorCode, Meaning] = {
-    LineErrorCode.NONE: Meaning(Part.NONE, "Nothing is wrong.", "Nothing to do."),
-    LineErrorCode.VIN_INCOMPLETE: Meaning(
+MEANINGS: dict[ErrorCode, Meaning] = {
+    ErrorCode.NONE: Meaning(Part.NONE, "Nothing is wrong.", "Nothing to do."),
+    ErrorCode.VIN_INCOMPLETE: Meaning(
         Part.LINE,
         "Of Vin1 to Vin3 at least one did not arrive with this sequence number within two seconds before the "
         "command, with good CRC and counter.",
         "Send all three again; the standing command is looked at again with each frame.",
     ),
-    LineErrorCode.VIN_INVALID: Meaning(
+    ErrorCode.VIN_INVALID: Meaning(
         Part.LINE,
         "The VIN holds a character other than digits and capital letters without I, O and Q.",
         "Correct the VIN and give the command a new number.",
     ),
-    LineErrorCode.NO_WHEELS: Meaning(
+    ErrorCode.NO_WHEELS: Meaning(
         Part.LINE, "The start marks no wheel.", "Set the bit of at least one wheel."
     ),
-    LineErrorCode.UNKNOWN_COMMAND: Meaning(
+    ErrorCode.UNKNOWN_COMMAND: Meaning(
         Part.LINE, "The code of the command is none of the value table.", "Send a code of the value table."
     ),
-    LineErrorCode.BUSY: Meaning(
+    ErrorCode.BUSY: Meaning(
         Part.CYCLE, "Another start is in hand.", "Wait until Status shows Ready, or abort the other one."
     ),
-    LineErrorCode.NOT_ACKNOWLEDGED: Meaning(
+    ErrorCode.NOT_ACKNOWLEDGED: Meaning(
         Part.CYCLE,
         "Results of the start before wait for their acknowledgement.",
         "Read and acknowledge them, or reset.",
     ),
-    LineErrorCode.SEQUENCE_USED: Meaning(
+    ErrorCode.SEQUENCE_USED: Meaning(
         Part.CYCLE, "The start before had this number.", "Give every start another number."
     ),
-    LineErrorCode.WRONG_SEQUENCE: Meaning(
+    ErrorCode.WRONG_SEQUENCE: Meaning(
         Part.CYCLE,
         "The command names a start that is not in hand, or a start has the number 0.",
         "Repeat the number of the start, which Status shows as Sequence; number starts from 1 to 255.",
     ),
-    LineErrorCode.NOTHING_TO_ACKNOWLEDGE: Meaning(
+    ErrorCode.NOTHING_TO_ACKNOWLEDGE: Meaning(
         Part.CYCLE, "The results are not there yet.", "Acknowledge when Status shows ResultValid."
     ),
-    LineErrorCode.RESET_REQUIRED: Meaning(
+    ErrorCode.RESET_REQUIRED: Meaning(
         Part.CYCLE, "The station is at fault.", "Repair what the fault says, then send reset."
     ),
-    LineErrorCode.UNKNOWN_VEHICLE_TYPE: Meaning(
+    ErrorCode.UNKNOWN_VEHICLE_TYPE: Meaning(
         Part.CONFIGURATION,
         "No vehicle type has this number.",
         "Add a file of the type to the station's configuration, or correct the number.",
     ),
-    LineErrorCode.WHEEL_NOT_AVAILABLE: Meaning(
+    ErrorCode.WHEEL_NOT_AVAILABLE: Meaning(
         Part.CONFIGURATION,
         "A marked wheel has no rig, or its axle no limits in the vehicle type.",
         "Mark other wheels, or complete the configuration.",
     ),
-    LineErrorCode.NOTHING_TO_STOP: Meaning(
+    ErrorCode.NOTHING_TO_STOP: Meaning(
         Part.CYCLE,
         "The station neither adjusts nor is prepared.",
         "Stop only while Status shows the state adjusting; abort ends any other cycle.",
     ),
-    LineErrorCode.START_STALE: Meaning(
+    ErrorCode.START_STALE: Meaning(
         Part.LINE,
         "The start stood on the bus already when the station started or the communication came back.",
         "Go back to none, look whether the vehicle still stands there, and start it with a new number.",
     ),
-    LineErrorCode.RESETTING: Meaning(
+    ErrorCode.RESETTING: Meaning(
         Part.CYCLE, "The station is still carrying out a reset.", "Wait until Status shows Ready or Fault."
     ),
-    LineErrorCode.MODE_NOT_AVAILABLE: Meaning(
+    ErrorCode.MODE_NOT_AVAILABLE: Meaning(
         Part.CONFIGURATION,
         "The mode is none of the value table, or this station is not set up for it.",
         "Choose another mode; calibrate needs a folder for its images in the configuration.",
     ),
-    LineErrorCode.CAMERA_FAULT: Meaning(
+    ErrorCode.CAMERA_FAULT: Meaning(
         Part.CAMERAS,
         "A camera was lost, or delivered no image in time.",
         "Check its cable and power; the record names it. Then reset.",
     ),
-    LineErrorCode.CALIBRATION_FAULT: Meaning(
+    ErrorCode.CALIBRATION_FAULT: Meaning(
         Part.CALIBRATION,
         "A rig's calibration is out of date, of other cameras, or missing.",
         "Calibrate the rig, then reset.",
     ),
-    LineErrorCode.MEASUREMENT_REFUSED: Meaning(
+    ErrorCode.MEASUREMENT_REFUSED: Meaning(
         Part.MEASUREMENT,
         "The images of a wheel could not be measured; the record says why.",
         "Clean tyre and windows, check the vehicle's position, and start again with a new number.",
     ),
-    LineErrorCode.STORE_FAULT: Meaning(
+    ErrorCode.STORE_FAULT: Meaning(
         Part.STORE,
         "The result could not be stored, so nothing is judged.",
         "Check the database and its disk, then reset.",
     ),
-    LineErrorCode.CYCLE_TIMEOUT: Meaning(
+    ErrorCode.CYCLE_TIMEOUT: Meaning(
         Part.CYCLE,
         "A wheel was not measured within the configured time.",
         "Check the load of the computer and the cameras, then reset.",
     ),
-    LineErrorCode.CONFIGURATION_FAULT: Meaning(
+    ErrorCode.CONFIGURATION_FAULT: Meaning(
         Part.CONFIGURATION, "The configuration cannot be used.", "Correct it and start the program again."
     ),
-    LineErrorCode.INTERNAL_FAULT: Meaning(
+    ErrorCode.INTERNAL_FAULT: Meaning(
         Part.CYCLE,
         "A defect of the program.",
         "Keep the log and report it; reset, or start the program again.",
     ),
-    LineErrorCode.LINE_FAULT: Meaning(
+    ErrorCode.LINE_FAULT: Meaning(
         Part.LINE, "Results could not be put on the bus.", "Check the station's log, then reset."
     ),
-    LineErrorCode.STARTING: Meaning(
+    ErrorCode.STARTING: Meaning(
         Part.CYCLE,
         "The station's program is starting: it loads what a measurement needs and, on a new computer, "
         "compiles it, which takes a minute or more.",
         "Wait until Status shows Ready; `truewheel warm-up` at the installation makes it short.",
     ),
-    LineErrorCode.COMMUNICATION_LOST: Meaning(
+    ErrorCode.COMMUNICATION_LOST: Meaning(
         Part.LINE,
         "No good Command frame arrived within its timeout.",
         "Check cable and controller. The station takes no start until frames come again.",
     ),
-    LineErrorCode.ADJUST_TIMEOUT: Meaning(
+    ErrorCode.ADJUST_TIMEOUT: Meaning(
         Part.CYCLE,
         "Adjusting was not stopped within the configured time; the cycle was aborted.",
         "Start again with a new number.",

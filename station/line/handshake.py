@@ -13,20 +13,18 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
-    Answer,
     Command,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
+    ErrorCode,
     Mode,
     Prepare,
     Reset,
     Stop,
     Trigger,
 )
+from station.line.messages import Answer, CommandCode, HandshakeState
 
 
 class Request(enum.StrEnum):
@@ -73,7 +71,7 @@ class Rule:
     """
 
     target: HandshakeState | None = None
-    refusal: LineErrorCode = LineErrorCode.NONE
+    refusal: ErrorCode = ErrorCode.NONE
     deliver: bool = False
     again: bool = False
 
@@ -82,11 +80,11 @@ def _to(state: HandshakeState) -> Rule:
     return Rule(state, deliver=True)
 
 
-def _no(refusal: LineErrorCode, again: bool = False) -> Rule:
+def _no(refusal: ErrorCode, again: bool = False) -> Rule:
     return Rule(refusal=refusal, again=again)
 
 
-S, E = HandshakeState, LineErrorCode
+S, E = HandshakeState, ErrorCode
 _HARMLESS = Rule()
 _WRONG = _no(E.WRONG_SEQUENCE)
 _NO_STOP = _no(E.NOTHING_TO_STOP)
@@ -221,7 +219,7 @@ class Asked:
     mode: Mode = Mode.AUTOMATIC
     vin: str = ""
     received_s: float = field(default=0.0, compare=False)
-    trouble: LineErrorCode = LineErrorCode.NONE
+    trouble: ErrorCode = ErrorCode.NONE
 
 
 @dataclass(frozen=True)
@@ -230,14 +228,14 @@ class Reply:
 
     code: CommandCode = CommandCode.NONE
     sequence: int = 0
-    refusal: LineErrorCode = LineErrorCode.NONE
+    refusal: ErrorCode = ErrorCode.NONE
 
     @property
     def answer(self) -> Answer:
         """The word of the DBC."""
         if self.code is CommandCode.NONE:
             return Answer.NONE
-        return Answer.ACCEPTED if self.refusal is LineErrorCode.NONE else Answer.REFUSED
+        return Answer.ACCEPTED if self.refusal is ErrorCode.NONE else Answer.REFUSED
 
 
 class Handshake:
@@ -265,7 +263,7 @@ class Handshake:
     @property
     def ready(self) -> bool:
         """Whether a start would be accepted."""
-        return COMMANDS[self.state][Request.START_NEW].refusal is LineErrorCode.NONE
+        return COMMANDS[self.state][Request.START_NEW].refusal is ErrorCode.NONE
 
     @property
     def busy(self) -> bool:
@@ -304,10 +302,10 @@ class Handshake:
         if event is Event.LINK_LOST:
             self._start_is_stale = True
             if before is HandshakeState.ADJUSTING:
-                return Abort(self.sequence, LineErrorCode.COMMUNICATION_LOST)
+                return Abort(self.sequence, ErrorCode.COMMUNICATION_LOST)
         return None
 
-    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+    def refuse(self, sequence: int, code: ErrorCode) -> None:
         """The cycle declines the start or the preparation in hand; its number may be used again."""
         if self._start == sequence:
             self._start = None
@@ -342,14 +340,14 @@ class Handshake:
                 return Request.PREPARE
 
     def _checked(self, rule: Rule, asked: Asked) -> Rule:
-        if rule.refusal is not LineErrorCode.NONE:
+        if rule.refusal is not ErrorCode.NONE:
             return rule
         starts = asked.code is CommandCode.START
         if starts and self._start_is_stale:
-            return _no(LineErrorCode.START_STALE)
-        if asked.trouble is not LineErrorCode.NONE:
+            return _no(ErrorCode.START_STALE)
+        if asked.trouble is not ErrorCode.NONE:
             # The controller's VIN frames may still be under way.
-            return _no(asked.trouble, again=asked.trouble is LineErrorCode.VIN_INCOMPLETE)
+            return _no(asked.trouble, again=asked.trouble is ErrorCode.VIN_INCOMPLETE)
         return _to(HandshakeState.ADJUSTING) if starts and asked.mode is Mode.ADJUST else rule
 
     def _enter(self, target: HandshakeState, asked: Asked) -> None:

@@ -26,30 +26,27 @@ from typing import Self
 import can
 
 from alignment.errors import LineConnectionError, LineError
-from station.coalesced import Coalesced
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value
-from station.line.handshake import Asked, Event, Handshake
-from station.line.link import ProtectedLink
-from station.line.messages import (
+from station.cycle.coalesced import Coalesced
+from station.cycle.words import (
     AxleAnswer,
     Command,
-    CommandAnswer,
-    CommandCode,
-    LineErrorCode,
-    LineStatus,
+    ErrorCode,
     LiveAngles,
     LiveState,
     Mode,
     Outcome,
     Reset,
-    StationInfo,
     StationState,
     StationStatus,
     Trigger,
     VehicleAnswer,
     WheelAnswer,
 )
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase, Value
+from station.line.handshake import Asked, Event, Handshake
+from station.line.link import ProtectedLink
+from station.line.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
 from station.line.options import DEFAULT_OPTIONS, LineHealth, LineOptions
 from station.line.results import blank_frames, live_frame, result_frames
 from station.line.status import answer_frame, detail_frame, info_frame, status_frame
@@ -60,8 +57,8 @@ STATUS_PERIOD_S = 0.1
 COMMUNICATION_TIMEOUT_S = 0.5
 PREPARE_LIFETIME_S = 300.0
 _VIN_TROUBLE = {
-    VinState.INCOMPLETE: LineErrorCode.VIN_INCOMPLETE,
-    VinState.INVALID: LineErrorCode.VIN_INVALID,
+    VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,
+    VinState.INVALID: ErrorCode.VIN_INVALID,
 }
 _LOG = logging.getLogger("truewheel.line")
 
@@ -102,18 +99,18 @@ class StationLine:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._vin = VinAssembly(database.vin_messages)
         self._handshake = Handshake()
-        self._status = StationStatus(StationState.STARTING, LineErrorCode.STARTING)
+        self._status = StationStatus(StationState.STARTING, ErrorCode.STARTING)
         self._trigger: Trigger | None = None
         self._reset_pending = False
         self._results: list[can.Message] = []
         self._blank = blank_frames(database)
         self._live: dict[str, tuple[LiveAngles, float]] = {}
-        self._refusal, self._refused_sequence = LineErrorCode.NONE, 0
+        self._refusal, self._refused_sequence = ErrorCode.NONE, 0
         self._said = Coalesced[int](_LOG.log, clock)
         self._link_up = False
         self._heartbeat = self._alive_counter = self._faults = 0
         self._prepared_s = 0.0
-        self._detailed: tuple[LineErrorCode, int, str | None, int] | None = None
+        self._detailed: tuple[ErrorCode, int, str | None, int] | None = None
         self._due: dict[str, float] = {}
         version = database.interface_version
         self._info = StationInfo(version, options.software, secrets.randbelow(256))
@@ -288,7 +285,7 @@ class StationLine:
             self._repeat_results()
             return overall
 
-    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+    def refuse(self, sequence: int, code: ErrorCode) -> None:
         """Decline an accepted start or preparation, such as one of an unknown vehicle type.
 
         The sequence may be used again. Harmless when it is no longer in hand.
@@ -363,9 +360,9 @@ class StationLine:
     def _line_status(self) -> LineStatus:
         handshake, status = self._handshake, self._status
         code, code_sequence = status.error_code, handshake.sequence
-        if code is LineErrorCode.NONE and not self._link_up:
-            code = LineErrorCode.COMMUNICATION_LOST
-        if code is LineErrorCode.NONE:
+        if code is ErrorCode.NONE and not self._link_up:
+            code = ErrorCode.COMMUNICATION_LOST
+        if code is ErrorCode.NONE:
             code, code_sequence = self._refusal, self._refused_sequence
         return LineStatus(
             state=status.state,
@@ -398,7 +395,7 @@ class StationLine:
         )
         self._send(answer_frame(self._database, answer))
 
-    def _detail(self) -> tuple[LineErrorCode, int, str | None, int]:
+    def _detail(self) -> tuple[ErrorCode, int, str | None, int]:
         status = self._line_status()
         return status.error_code, status.error_sequence, self._status.wheel, self._faults
 
@@ -442,7 +439,7 @@ class StationLine:
         try:
             asked = self._asked(CommandCode(str(values["Code"])), sequence, values)
         except ValueError:
-            self._note_refusal(sequence, LineErrorCode.UNKNOWN_COMMAND)
+            self._note_refusal(sequence, ErrorCode.UNKNOWN_COMMAND)
             self._send_status()
             return
         before = self._handshake.state, self._handshake.reply
@@ -460,17 +457,17 @@ class StationLine:
         endings = self._database.wheels
         wheels = tuple(wheel for wheel in endings if values[f"Wheel{endings[wheel]}"])
         now = self._clock()
-        trouble, vin, mode = LineErrorCode.NONE, "", Mode.AUTOMATIC
+        trouble, vin, mode = ErrorCode.NONE, "", Mode.AUTOMATIC
         if code in (CommandCode.START, CommandCode.PREPARE):
             known = values["Mode"] in self._options.modes
             mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC
             found = self._vin.read(sequence, now)
             if sequence == 0:
-                trouble = LineErrorCode.WRONG_SEQUENCE
+                trouble = ErrorCode.WRONG_SEQUENCE
             elif not known:
-                trouble = LineErrorCode.MODE_NOT_AVAILABLE
+                trouble = ErrorCode.MODE_NOT_AVAILABLE
             elif not wheels:
-                trouble = LineErrorCode.NO_WHEELS
+                trouble = ErrorCode.NO_WHEELS
             elif code is CommandCode.START and isinstance(found, VinState):
                 trouble = _VIN_TROUBLE[found]
             elif isinstance(found, str):
@@ -494,6 +491,6 @@ class StationLine:
             self._results = []
         self._commands.put(command)
 
-    def _note_refusal(self, sequence: int, code: LineErrorCode) -> None:
+    def _note_refusal(self, sequence: int, code: ErrorCode) -> None:
         self._refusal = code
-        self._refused_sequence = sequence if code is not LineErrorCode.NONE else 0
+        self._refused_sequence = sequence if code is not ErrorCode.NONE else 0

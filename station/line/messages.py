@@ -8,47 +8,9 @@ where a value is encoded; that an answer is complete is checked where it is made
 from __future__ import annotations
 
 import enum
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
-from alignment.errors import InputError
-
-ThrustSign = Literal["left_positive", "right_positive"]
-
-
-class Outcome(enum.StrEnum):
-    """What became of a wheel, an axle or the vehicle; the words of the DBC's value tables."""
-
-    OK = "ok"
-    NOK = "nok"
-    FAULT = "fault"
-    ABORTED = "aborted"
-    NOT_REQUESTED = "not_requested"
-    RECORDED = "recorded"
-
-    @property
-    def judged(self) -> bool:
-        """True for ok and nok, which stand for measured values."""
-        return self in (Outcome.OK, Outcome.NOK)
-
-
-class StationState(enum.StrEnum):
-    """Where the measuring cycle stands; the words of the DBC's value table.
-
-    STARTING: the program compiles and loads what a measurement needs; there is no cycle yet.
-    """
-
-    IDLE = "idle"
-    ARMED = "armed"
-    MEASURING = "measuring"
-    EVALUATING = "evaluating"
-    STORING = "storing"
-    REPORTING = "reporting"
-    FAULT = "fault"
-    ADJUSTING = "adjusting"
-    STARTING = "starting"
+from station.cycle.words import ErrorCode, Outcome, StationState, ThrustSign
 
 
 class HandshakeState(enum.StrEnum):
@@ -73,20 +35,6 @@ class HandshakeState(enum.StrEnum):
     FAULT = "fault"
 
 
-class Mode(enum.StrEnum):
-    """What a start does; the words of the DBC's value table.
-
-    AUTOMATIC: measure, judge, store, report. ADJUST: live angles until a stop, then as automatic.
-    MASTER_CHECK: as automatic, of a master wheel, stored as a check of the calibration too. CALIBRATE: images
-    are recorded and nothing is judged.
-    """
-
-    AUTOMATIC = "automatic"
-    ADJUST = "adjust"
-    MASTER_CHECK = "master_check"
-    CALIBRATE = "calibrate"
-
-
 class CommandCode(enum.StrEnum):
     """What the controller asks; the words of the DBC's value table."""
 
@@ -107,14 +55,6 @@ class Answer(enum.StrEnum):
     REFUSED = "refused"
 
 
-class Quality(enum.StrEnum):
-    """How much of a rig stands behind a wheel; the words of the DBC's value table."""
-
-    NONE = "none"
-    FULL = "full"
-    DEGRADED = "degraded"
-
-
 class Part(enum.StrEnum):
     """Part of the station that an error code is about; the words of the DBC's value table."""
 
@@ -128,215 +68,6 @@ class Part(enum.StrEnum):
     CONFIGURATION = "configuration"
 
 
-class LiveState(enum.StrEnum):
-    """What a live angle is worth; the words of the DBC's value table."""
-
-    NONE = "none"
-    INSIDE = "inside"
-    OUTSIDE = "outside"
-    STALE = "stale"
-    NOT_MEASURED = "not_measured"
-
-
-class LineErrorCode(enum.StrEnum):
-    """Why a command was refused or the station stands; the numbers are in the DBC's value table.
-
-    The first group is the answer to a command and leaves the station as it was; the second is the station's.
-    """
-
-    NONE = "none"
-    VIN_INCOMPLETE = "vin_incomplete"
-    VIN_INVALID = "vin_invalid"
-    NO_WHEELS = "no_wheels"
-    UNKNOWN_COMMAND = "unknown_command"
-    BUSY = "busy"
-    NOT_ACKNOWLEDGED = "not_acknowledged"
-    SEQUENCE_USED = "sequence_used"
-    WRONG_SEQUENCE = "wrong_sequence"
-    NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge"
-    RESET_REQUIRED = "reset_required"
-    UNKNOWN_VEHICLE_TYPE = "unknown_vehicle_type"
-    WHEEL_NOT_AVAILABLE = "wheel_not_available"
-    NOTHING_TO_STOP = "nothing_to_stop"
-    START_STALE = "start_stale"
-    RESETTING = "resetting"
-    MODE_NOT_AVAILABLE = "mode_not_available"
-
-    CAMERA_FAULT = "camera_fault"
-    CALIBRATION_FAULT = "calibration_fault"
-    MEASUREMENT_REFUSED = "measurement_refused"
-    STORE_FAULT = "store_fault"
-    CYCLE_TIMEOUT = "cycle_timeout"
-    CONFIGURATION_FAULT = "configuration_fault"
-    INTERNAL_FAULT = "internal_fault"
-    LINE_FAULT = "line_fault"
-    STARTING = "starting"
-    COMMUNICATION_LOST = "communication_lost"
-    ADJUST_TIMEOUT = "adjust_timeout"
-
-
-@dataclass(frozen=True)
-class Trigger:
-    """A start command, complete with its VIN.
-
-    Attributes
-    ----------
-    sequence
-        0 to 255, chosen by the controller; every answer carries it.
-    wheels
-        Names of the wheels to measure, such as ``front_left``, in the order of the DBC.
-    vehicle_type
-        Number of the vehicle type, 0 to 65535.
-    vin
-        17 characters.
-    received_s
-        When the start command arrived, seconds of the line's monotonic clock.
-    mode
-        What to do with them.
-    """
-
-    sequence: int
-    wheels: tuple[str, ...]
-    vehicle_type: int
-    vin: str
-    received_s: float = field(default=0.0, compare=False)
-    mode: Mode = Mode.AUTOMATIC
-
-
-@dataclass(frozen=True)
-class Prepare:
-    """The next vehicle will be of this type, with these wheels, in this mode."""
-
-    sequence: int
-    wheels: tuple[str, ...]
-    vehicle_type: int
-    mode: Mode = Mode.AUTOMATIC
-
-
-@dataclass(frozen=True)
-class Stop:
-    """End the adjusting of this sequence: measure and judge."""
-
-    sequence: int
-
-
-@dataclass(frozen=True)
-class Abort:
-    """End the running cycle; its wheels become aborted. Harmless when no cycle of this sequence runs.
-
-    `reason` is what asked for it: the controller, or the line itself when the communication was lost.
-    """
-
-    sequence: int
-    reason: LineErrorCode = LineErrorCode.NONE
-
-
-@dataclass(frozen=True)
-class Reset:
-    """Forget the cycle and the faults; harmless when there are none."""
-
-    sequence: int
-
-
-@dataclass(frozen=True)
-class Acknowledge:
-    """The controller took over the results of this sequence."""
-
-    sequence: int
-
-
-Command = Trigger | Prepare | Stop | Abort | Reset | Acknowledge
-
-
-def _require_complete(what: str, outcome: Outcome, values: dict[str, float | None]) -> None:
-    """Raise unless a judged answer has every value, and any other answer has none."""
-    for name, value in values.items():
-        if outcome.judged and (value is None or not math.isfinite(value)):
-            raise InputError(
-                field=f"{what}.{name}",
-                expected=f"a finite value, because the outcome is '{outcome}'",
-                seen=str(value),
-                cure="Answer what was not measured with the outcome 'fault'.",
-            )
-        if outcome.judged and name.endswith("_u95_deg") and value is not None and value < 0.0:
-            raise InputError(field=f"{what}.{name}", expected="an uncertainty of 0 or more", seen=str(value))
-        if not outcome.judged and value is not None:
-            raise InputError(
-                field=f"{what}.{name}",
-                expected=f"no value, because the outcome is '{outcome}'",
-                seen=str(value),
-            )
-
-
-@dataclass(frozen=True)
-class WheelAnswer:
-    """Outcome of one wheel. ok and nok carry all four finite values, every other outcome none of them.
-
-    Quality and residual (RMS, millimetres) explain a judged wheel; what is not known of them stays empty.
-
-    Raises
-    ------
-    InputError
-        When outcome and values contradict each other.
-    """
-
-    wheel: str
-    outcome: Outcome
-    camber_deg: float | None = None
-    toe_deg: float | None = None
-    camber_u95_deg: float | None = None
-    toe_u95_deg: float | None = None
-    quality: Quality = Quality.NONE
-    residual_mm: float | None = None
-
-    def __post_init__(self) -> None:
-        values = {
-            "camber_deg": self.camber_deg,
-            "toe_deg": self.toe_deg,
-            "camber_u95_deg": self.camber_u95_deg,
-            "toe_u95_deg": self.toe_u95_deg,
-        }
-        _require_complete(self.wheel, self.outcome, values)
-
-
-@dataclass(frozen=True)
-class AxleAnswer:
-    """Outcome of one axle (``front``, ``rear``); complete or empty like `WheelAnswer`."""
-
-    axle: str
-    outcome: Outcome
-    total_toe_deg: float | None = None
-    camber_difference_deg: float | None = None
-    total_toe_u95_deg: float | None = None
-    camber_difference_u95_deg: float | None = None
-
-    def __post_init__(self) -> None:
-        values = {
-            "total_toe_deg": self.total_toe_deg,
-            "camber_difference_deg": self.camber_difference_deg,
-            "total_toe_u95_deg": self.total_toe_u95_deg,
-            "camber_difference_u95_deg": self.camber_difference_u95_deg,
-        }
-        _require_complete(self.axle, self.outcome, values)
-
-
-@dataclass(frozen=True)
-class VehicleAnswer:
-    """Outcome of the thrust angle; complete or empty like `WheelAnswer`."""
-
-    outcome: Outcome
-    thrust_angle_deg: float | None = None
-    thrust_angle_u95_deg: float | None = None
-    thrust_sign: ThrustSign = "left_positive"
-
-    def __post_init__(self) -> None:
-        values = {
-            "thrust_angle_deg": self.thrust_angle_deg,
-            "thrust_angle_u95_deg": self.thrust_angle_u95_deg,
-        }
-        _require_complete("vehicle", self.outcome, values)
-
-
 @dataclass(frozen=True)
 class VehicleReport:
     """The vehicle as the controller reads it: verdict over everything, and thrust angle (None: invalid)."""
@@ -345,56 +76,6 @@ class VehicleReport:
     thrust_angle_deg: float | None
     thrust_angle_u95_deg: float | None
     thrust_sign: ThrustSign
-
-
-def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
-    """Outcome of the whole from the outcomes of its parts.
-
-    aborted goes before fault, fault before nok; ok needs at least one ok and nothing worse. Parts that were
-    not requested do not count; without any other part the whole was not requested either.
-    """
-    present = set(outcomes)
-    for outcome in (Outcome.ABORTED, Outcome.FAULT, Outcome.NOK, Outcome.OK, Outcome.RECORDED):
-        if outcome in present:
-            return outcome
-    return Outcome.NOT_REQUESTED
-
-
-@dataclass(frozen=True)
-class LiveAngles:
-    """Angles of one wheel while it is adjusted; degrees, None unless measured.
-
-    `shot` counts the measurements of this wheel, 0 to 255 and again.
-    """
-
-    wheel: str
-    state: LiveState
-    shot: int = 0
-    camber_deg: float | None = None
-    toe_deg: float | None = None
-
-
-@dataclass(frozen=True)
-class StationStatus:
-    """What the measuring cycle says of itself; the line adds sequence, busy, done and the alive counter.
-
-    `wheel` names the first wheel that the error code is about, where it is about one.
-
-    Raises
-    ------
-    InputError
-        When the state is fault and no error code says why.
-    """
-
-    state: StationState
-    error_code: LineErrorCode = LineErrorCode.NONE
-    wheel: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.state == StationState.FAULT and self.error_code == LineErrorCode.NONE:
-            raise InputError(
-                field="error_code", expected="the reason of the fault", seen=str(self.error_code)
-            )
 
 
 @dataclass(frozen=True)
@@ -411,7 +92,7 @@ class LineStatus:
     done: bool
     fault: bool
     alive_counter: int
-    error_code: LineErrorCode
+    error_code: ErrorCode
     error_sequence: int
     handshake: HandshakeState = HandshakeState.STARTING
 
@@ -423,7 +104,7 @@ class CommandAnswer:
     code: CommandCode
     sequence: int
     answer: Answer
-    error_code: LineErrorCode
+    error_code: ErrorCode
     link_up: bool
     heartbeat: int
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from station.cycle.words import Mode
 from station.line.bus import BusHealth
 from station.line.link import LinkHealth
-from station.line.messages import Mode
 
 
 @dataclass(frozen=True)

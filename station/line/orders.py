@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from station.cycle.words import AxleAnswer, Mode, WheelAnswer
 from station.line.dbc import Value
-from station.line.messages import AxleAnswer, Mode, VehicleReport, WheelAnswer
+from station.line.messages import VehicleReport
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from typing import Self
 import can
 
 from alignment.errors import InputError, LineConnectionError, LineError
+from station.cycle.words import ErrorCode, Mode, WheelAnswer
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
@@ -29,11 +30,8 @@ from station.line.messages import (
     CommandAnswer,
     CommandCode,
     HandshakeState,
-    LineErrorCode,
     LineStatus,
-    Mode,
     VehicleReport,
-    WheelAnswer,
 )
 from station.line.orders import (
     DEFAULT_TIMEOUTS,
@@ -52,7 +50,7 @@ KeepResult = Callable[[int, VehicleReport, tuple[WheelAnswer, ...]], None]
 # Goes out between vehicles, so that the counters of the VIN's frames stay in step.
 _NO_VIN = "\0" * VIN_LENGTH
 # Refusals that pass while the command stands.
-_PASSING = frozenset({LineErrorCode.VIN_INCOMPLETE, LineErrorCode.STARTING})
+_PASSING = frozenset({ErrorCode.VIN_INCOMPLETE, ErrorCode.STARTING})
 
 
 @dataclass(frozen=True)
@@ -394,7 +392,7 @@ class PlcSimulator:
     def _wait_in_cycle(
         self, what: str, timeout_s: float, sequence: int, reached: Callable[[LineStatus], bool]
     ) -> None:
-        def refusal() -> LineErrorCode | None:
+        def refusal() -> ErrorCode | None:
             found = self.view.answer_to(CommandCode.START, sequence)
             if found is None or found.answer is not Answer.REFUSED:
                 return None

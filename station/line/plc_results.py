@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from alignment.errors import LineError
+from station.cycle.words import AxleAnswer, Outcome, WheelAnswer, overall_outcome
 from station.line.dbc import LineDatabase, Value
-from station.line.messages import AxleAnswer, Outcome, VehicleReport, WheelAnswer, overall_outcome
+from station.line.messages import VehicleReport
 from station.line.results import read_axle, read_vehicle, read_wheel
 
 Results = Mapping[str, dict[str, Value]]

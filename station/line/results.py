@@ -9,9 +9,7 @@ from typing import cast
 import can
 
 from alignment.errors import InputError, LineError
-from station.line.dbc import LineDatabase, Value
-from station.line.dbc_needs import INVALID
-from station.line.messages import (
+from station.cycle.words import (
     AxleAnswer,
     LiveAngles,
     LiveState,
@@ -19,10 +17,12 @@ from station.line.messages import (
     Quality,
     ThrustSign,
     VehicleAnswer,
-    VehicleReport,
     WheelAnswer,
     overall_outcome,
 )
+from station.line.dbc import LineDatabase, Value
+from station.line.dbc_needs import INVALID
+from station.line.messages import VehicleReport
 
 
 def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> tuple[can.Message, ...]:

@@ -8,9 +8,10 @@ from collections.abc import Callable
 import can
 
 from alignment.errors import LineTimeoutError
+from station.cycle.words import LiveAngles
 from station.line.dbc import Value
 from station.line.link import ProtectedLink
-from station.line.messages import CommandAnswer, CommandCode, LineStatus, LiveAngles, StationInfo
+from station.line.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
 from station.line.orders import ReceivedMessage
 from station.line.results import read_live
 from station.line.status import read_answer, read_info, read_status

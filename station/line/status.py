@@ -7,18 +7,10 @@ from collections.abc import Mapping
 import can
 
 from alignment.errors import LineError
+from station.cycle.words import ErrorCode, StationState
 from station.line.dbc import LineDatabase, Value
 from station.line.error_codes import MEANINGS
-from station.line.messages import (
-    Answer,
-    CommandAnswer,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
-    LineStatus,
-    StationInfo,
-    StationState,
-)
+from station.line.messages import Answer, CommandAnswer, CommandCode, HandshakeState, LineStatus, StationInfo
 
 LARGEST_COUNT = 65_535
 
@@ -65,7 +57,7 @@ def info_frame(database: LineDatabase, info: StationInfo) -> can.Message:
 
 
 def detail_frame(
-    database: LineDatabase, code: LineErrorCode, sequence: int, wheel: str | None, count: int
+    database: LineDatabase, code: ErrorCode, sequence: int, wheel: str | None, count: int
 ) -> can.Message:
     """One ErrorDetail message; `count` is of the faults since the program started."""
     return database.encode(
@@ -97,7 +89,7 @@ def read_status(values: Mapping[str, Value]) -> LineStatus:
             done=bool(values["ResultValid"]),
             fault=bool(values["Fault"]),
             alive_counter=int(values["AliveCounter"]),
-            error_code=LineErrorCode(str(values["ErrorCode"])),
+            error_code=ErrorCode(str(values["ErrorCode"])),
             error_sequence=int(values["ErrorSequence"]),
             handshake=HandshakeState(str(values["Handshake"])),
         )
@@ -112,7 +104,7 @@ def read_answer(values: Mapping[str, Value]) -> CommandAnswer:
             code=CommandCode(str(values["Code"])),
             sequence=int(values["Sequence"]),
             answer=Answer(str(values["Answer"])),
-            error_code=LineErrorCode(str(values["ErrorCode"])),
+            error_code=ErrorCode(str(values["ErrorCode"])),
             link_up=bool(values["LinkUp"]),
             heartbeat=int(values["HeartbeatEcho"]),
         )

@@ -6,15 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from alignment.errors import LineError
+from station.cycle.words import ErrorCode, Mode
 from station.line.dbc import LineDatabase
-from station.line.messages import (
-    Answer,
-    CommandAnswer,
-    CommandCode,
-    LineErrorCode,
-    LineStatus,
-    Mode,
-)
+from station.line.messages import Answer, CommandAnswer, CommandCode, LineStatus
 from station.line.orders import PlcOrder, PlcResult
 from station.line.plc import PlcSimulator
 
@@ -76,7 +70,7 @@ class Trial:
         """Wait for a Status."""
         return self.plc.view.wait(what, self.vehicles.patience_s, reached)
 
-    def refused(self, code: CommandCode, sequence: int, why: LineErrorCode) -> None:
+    def refused(self, code: CommandCode, sequence: int, why: ErrorCode) -> None:
         """Expect that the command that stands is refused for this reason."""
         found = self.plc.answer_to(code, sequence)
         self.plc.withdraw()

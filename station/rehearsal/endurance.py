@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from db.store import ResultStore
+from station.cycle.words import Outcome
 from station.line.bus import open_bus
 from station.line.cable import Cable
 from station.line.dbc import load_line_database
-from station.line.messages import Outcome
 from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.rehearsal.prepared import prepared_angles_deg

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from alignment.errors import LineError
+from station.cycle.words import WheelAnswer
 from station.line.bus import LineBus
 from station.line.channel import Channel
 from station.line.dbc import load_line_database
-from station.line.messages import VehicleReport, WheelAnswer
+from station.line.messages import VehicleReport
 from station.line.orders import PlcOrder, PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.rehearsal.cable_settings import settings_of

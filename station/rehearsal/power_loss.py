@@ -17,11 +17,12 @@ import can
 from alignment.errors import LineError
 from db.records import CycleOutcome, CycleRecord
 from db.store import ResultStore
+from station.cycle.words import Outcome, WheelAnswer
 from station.line.bus import open_bus
 from station.line.cable import Cable
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.link import ProtectedLink
-from station.line.messages import Outcome, VehicleReport, WheelAnswer
+from station.line.messages import VehicleReport
 from station.line.orders import PlcOrder, PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.rehearsal.plc_process import PlcProcessOrder

@@ -29,13 +29,13 @@ from db.records import ZeroRecord
 from db.store import ResultStore
 from sensors.shot import WheelShot
 from station.configuration.vehicle_types import VehicleType
-from station.cycle import MeasuringCycle
+from station.cycle.measuring import MeasuringCycle
+from station.cycle.ports import Bounds, Identity, Line, Observer, Store
+from station.cycle.positions import CalibrationInForce, WheelPosition, WheelResult, utc_now
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
 from station.line.options import DEFAULT_OPTIONS, LineOptions
-from station.ports import Bounds, Identity, Line, Observer, Store
-from station.wheels import CalibrationInForce, WheelPosition, WheelResult, utc_now
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STATION = "rehearsal"

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
 
+from station.cycle.ports import CycleReport, Line, Observer, Store
+from station.cycle.words import StationState
 from station.line.bus import LineBus
 from station.line.channel import Channel
 from station.line.dbc import load_line_database
-from station.line.messages import StationState
 from station.line.options import LineOptions
-from station.ports import CycleReport, Line, Observer, Store
 from station.rehearsal.cable_settings import settings_of
 from station.rehearsal.prepared import open_rehearsal
 from station.rehearsal.steps import Stepped, SteppedBus, Steps

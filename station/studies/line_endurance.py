@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from station.commands.output import default_config
+from station.configuration.starter import default_config
 from station.rehearsal.endurance import SETTLED, Endurance, run_endurance
 from station.studies.study import Goal, Progress, Row, Study, StudyResult
 

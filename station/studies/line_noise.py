@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from station.commands.output import default_config
+from station.configuration.starter import default_config
 from station.rehearsal.noise import run_noise
 from station.studies.study import Goal, Progress, Row, Study, StudyResult
 

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from station.commands.output import default_config
+from station.configuration.starter import default_config
 from station.rehearsal.power_loss import PowerLoss, open_power_loss
 from station.studies.study import Goal, Progress, Row, Study, StudyResult
 

@@ -13,7 +13,7 @@ from db.connection import make_engine, parse_url
 from db.records import EventRecord, Severity
 from db.store import ResultStore
 from db.sums import bring_up_to_date, update_sums
-from station.held import Closing, closing_text, unacknowledged
+from station.cycle.held import Closing, closing_text, unacknowledged
 from tests.db.example_records import CALIBRATION, NOON, cycle, installation, limits, station, zero
 
 MANY = 20_000

@@ -26,10 +26,11 @@ from station import composition
 from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
+from station.cycle.words import ErrorCode, Outcome
 from station.line.bus import LineBus, open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import LineDatabase, load_line_database
-from station.line.messages import Answer, CommandCode, HandshakeState, LineErrorCode, Outcome
+from station.line.messages import Answer, CommandCode, HandshakeState
 from station.line.orders import PlcOrder, PlcTimeouts
 from station.line.plc import PlcSimulator
 from station.warm_up.needs import Work
@@ -111,7 +112,7 @@ def test_a_station_that_compiles_says_starting_in_time_and_takes_no_start_before
             assert plc.view.wait_until(60.0, lambda: plc.view.answer_to(CommandCode.RESET, 7) is not None)
             answer = plc.view.answer_to(CommandCode.RESET, 7)
             assert answer is not None
-            assert (answer.answer, answer.error_code) == (Answer.REFUSED, LineErrorCode.STARTING)
+            assert (answer.answer, answer.error_code) == (Answer.REFUSED, ErrorCode.STARTING)
             plc.withdraw(CommandCode.RESET, 7)
             plc.command(CommandCode.START, 8)
             assert plc.view.wait_until(60.0, lambda: plc.view.answer_to(CommandCode.START, 8) is not None)

@@ -19,10 +19,10 @@ from sensors.formats import read_image, read_truth, write_image
 from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
+from station.cycle.words import Outcome
 from station.line.bus import open_bus
 from station.line.channel import BusSettings
 from station.line.dbc import load_line_database
-from station.line.messages import Outcome
 from station.line.monitor import decode_log, trace_cycles
 from station.line.orders import PlcOrder, PlcTimeouts
 from station.line.plc import run_plc

@@ -17,11 +17,13 @@ from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
 from alignment.values import MeasureSettings, Refusal, WheelMeasurement
 from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
 from station.configuration.vehicle_types import VehicleType
-from station.cycle import MeasuringCycle
-from station.line.messages import (
+from station.cycle.measuring import MeasuringCycle
+from station.cycle.ports import Bounds, CycleReport, Identity
+from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
+from station.cycle.words import (
     Acknowledge,
     Command,
-    LineErrorCode,
+    ErrorCode,
     LiveAngles,
     Mode,
     Outcome,
@@ -30,8 +32,6 @@ from station.line.messages import (
     Trigger,
     overall_outcome,
 )
-from station.ports import Bounds, CycleReport, Identity
-from station.wheels import CalibrationInForce, MeasureFunction, WheelPosition
 from tests.sensors.samples import calibration as sample_calibration
 from tests.sensors.samples import shot as sample_shot
 
@@ -109,10 +109,10 @@ class FakeLine:
         self.on_poll: Callable[[], None] = lambda: None
         self.on_delivery: Callable[[], None] = lambda: None
         self.acknowledges = True
-        self.status = StationStatus(StationState.FAULT, LineErrorCode.STARTING)
+        self.status = StationStatus(StationState.FAULT, ErrorCode.STARTING)
         self.statuses: list[StationStatus] = []
         self.sent: list[tuple[Any, ...]] = []
-        self.refused: list[tuple[int, LineErrorCode]] = []
+        self.refused: list[tuple[int, ErrorCode]] = []
         self.send_error: TruewheelError | None = None
         self.live: list[tuple[LiveAngles, float]] = []
         self.on_live: Callable[[], None] = lambda: None
@@ -154,7 +154,7 @@ class FakeLine:
         self.live.append((angles, measured_s))
         self.on_live()
 
-    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+    def refuse(self, sequence: int, code: ErrorCode) -> None:
         self.refused.append((sequence, code))
 
     @property

@@ -22,8 +22,8 @@ from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
 from station.archive import ArchivingObserver, ImageArchive
-from station.line.messages import Trigger
-from station.ports import CycleReport, Observer
+from station.cycle.ports import CycleReport, Observer
+from station.cycle.words import Trigger
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
 
 WIDE = Policy(10**9, 30.0, 300.0)

@@ -15,7 +15,7 @@ from sensors.formats import write_calibration
 from station.archive import ImageArchive
 from station.composition import open_station
 from station.configuration.settings import read_configuration
-from station.line.messages import Mode
+from station.cycle.words import Mode
 from station.storing import limits_of, open_archive, open_store
 from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import TODAY

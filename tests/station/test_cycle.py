@@ -12,13 +12,8 @@ import pytest
 from alignment.errors import CameraError, LineConnectionError, StoreUnavailableError
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome, Verdict, WheelOutcome
-from station.line.messages import (
-    LineErrorCode,
-    Outcome,
-    Reset,
-    StationState,
-)
-from station.wheels import WheelPosition
+from station.cycle.positions import WheelPosition
+from station.cycle.words import ErrorCode, Outcome, Reset, StationState
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
 GOOD_WAY = [
@@ -103,7 +98,7 @@ def test_refused_wheel_is_a_fault_of_the_station_and_never_nok(bench: Bench) -> 
     assert bench.line.outcomes["front_left"] is Outcome.OK
     assert report.told is Outcome.FAULT
     assert bench.cycle.state is StationState.IDLE
-    assert LineErrorCode.MEASUREMENT_REFUSED in {status.error_code for status in bench.line.statuses}
+    assert ErrorCode.MEASUREMENT_REFUSED in {status.error_code for status in bench.line.statuses}
 
 
 def test_all_cameras_failing_to_arm_still_gives_a_record_and_an_answer(bench: Bench) -> None:
@@ -126,7 +121,7 @@ def test_failing_commit_is_told_as_fault_and_never_as_ok_or_nok(bench: Bench, ou
     assert bench.store.cycles == []
     assert set(bench.line.outcomes.values()) == {Outcome.FAULT}
     assert report.told is Outcome.FAULT
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
     assert bench.cycle.state is StationState.FAULT
 
 
@@ -155,7 +150,7 @@ def test_bus_that_fails_at_the_results_ends_in_fault_with_the_record_kept(bench:
     assert report.told is None
     assert [record.outcome for record in bench.store.cycles] == [CycleOutcome.OK, CycleOutcome.FAULT]
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.LINE_FAULT
+    assert bench.line.status.error_code is ErrorCode.LINE_FAULT
     assert "not_reported" in bench.store.event_codes
 
 
@@ -172,7 +167,7 @@ def test_wheel_that_takes_too_long_ends_in_fault_until_it_is_done() -> None:
         bench.line.queue.append(Reset(2))
         bench.cycle.step(0.1)
         assert bench.cycle.state is StationState.FAULT
-        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+        assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
         assert [name for name in bench.log if name.startswith("connected")] == []
         gate.set()
         assert bench.cycle._wheel_threads.drain(10.0)
@@ -233,13 +228,13 @@ def test_images_of_other_cameras_than_the_calibration_are_a_fault(bench: Bench) 
 @pytest.mark.parametrize(
     ("wheels", "vehicle_type", "code"),
     [
-        (WHEELS, 5, LineErrorCode.UNKNOWN_VEHICLE_TYPE),
-        (("third_left",), 1, LineErrorCode.WHEEL_NOT_AVAILABLE),
-        (("rear_left",), 9, LineErrorCode.WHEEL_NOT_AVAILABLE),
+        (WHEELS, 5, ErrorCode.UNKNOWN_VEHICLE_TYPE),
+        (("third_left",), 1, ErrorCode.WHEEL_NOT_AVAILABLE),
+        (("rear_left",), 9, ErrorCode.WHEEL_NOT_AVAILABLE),
     ],
 )
 def test_start_that_cannot_be_served_is_refused_and_leaves_the_station_ready(
-    bench: Bench, wheels: tuple[str, ...], vehicle_type: int, code: LineErrorCode
+    bench: Bench, wheels: tuple[str, ...], vehicle_type: int, code: ErrorCode
 ) -> None:
     assert bench.trigger(wheels=wheels, vehicle_type=vehicle_type) is None
     assert bench.line.refused == [(1, code)]
@@ -268,7 +263,7 @@ def test_line_is_told_of_a_fault_when_the_program_breaks(bench: Bench, state: St
     with pytest.raises(ZeroDivisionError):
         bench.cycle.serve(threading.Event())
     assert bench.line.status.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.INTERNAL_FAULT
+    assert bench.line.status.error_code is ErrorCode.INTERNAL_FAULT
 
 
 def test_angles_without_a_valid_calibration_are_a_fault_even_when_measured(

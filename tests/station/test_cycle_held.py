@@ -9,13 +9,7 @@ import pytest
 
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome
-from station.line.messages import (
-    Abort,
-    Acknowledge,
-    Outcome,
-    Reset,
-    StationState,
-)
+from station.cycle.words import Abort, Acknowledge, Outcome, Reset, StationState
 from tests.station.bench import Bench, Restarted, measurement, open_bench
 
 REFUSED = Refusal(RefusalCode.HEAD_DARK, "head_1 left: no light lines")

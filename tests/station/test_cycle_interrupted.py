@@ -7,14 +7,7 @@ from pathlib import Path
 import pytest
 
 from db.records import CycleOutcome
-from station.line.messages import (
-    Abort,
-    LineErrorCode,
-    Mode,
-    Outcome,
-    Reset,
-    StationState,
-)
+from station.cycle.words import Abort, ErrorCode, Mode, Outcome, Reset, StationState
 from tests.station.bench import Bench, assert_set, camera_error, open_bench, store_error
 
 
@@ -34,9 +27,9 @@ def test_failing_camera_ends_in_fault_until_reset(bench: Bench, moment: str) -> 
     assert "it burns" in (report.record.reason_text or "")
     assert bench.line.outcomes["rear_left"] is Outcome.FAULT
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.CAMERA_FAULT
+    assert bench.line.status.error_code is ErrorCode.CAMERA_FAULT
     bench.trigger(2)
-    assert bench.line.refused == [(2, LineErrorCode.RESET_REQUIRED)]
+    assert bench.line.refused == [(2, ErrorCode.RESET_REQUIRED)]
     setattr(bench.rigs["rear_left"], f"{moment}_error", None)
     bench.line.queue.append(Reset(3))
     assert bench.cycle.step(0.1) is None
@@ -53,7 +46,7 @@ def test_reset_does_not_leave_the_fault_while_a_camera_is_away(bench: Bench) -> 
     bench.line.queue.append(Reset(2))
     bench.cycle.step(0.1)
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.CAMERA_FAULT
+    assert bench.line.status.error_code is ErrorCode.CAMERA_FAULT
     bench.rigs["front_left"].connect_error = None
     bench.line.queue.append(Reset(3))
     bench.cycle.step(0.1)
@@ -65,7 +58,7 @@ def test_reset_does_not_leave_the_fault_while_the_database_fails(bench: Bench) -
     bench.trigger()
     bench.line.queue.append(Reset(2))
     bench.cycle.step(0.1)
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
     bench.store.error = None
     bench.line.queue.append(Reset(3))
     bench.cycle.step(0.1)
@@ -161,7 +154,7 @@ def test_reset_of_an_idle_station_is_harmless(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "told"), [(Abort(1, LineErrorCode.COMMUNICATION_LOST), Outcome.ABORTED), (Reset(9), None)]
+    ("command", "told"), [(Abort(1, ErrorCode.COMMUNICATION_LOST), Outcome.ABORTED), (Reset(9), None)]
 )
 def test_adjusting_ends_by_abort_and_reset(
     bench: Bench, command: Abort | Reset, told: Outcome | None
@@ -193,7 +186,7 @@ def test_camera_that_still_hangs_after_an_abort_ends_in_fault() -> None:
         bench.trigger()
         assert set(bench.line.outcomes.values()) == {Outcome.ABORTED}
         assert bench.cycle.state is StationState.FAULT
-        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+        assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
 
 
 def test_calibrate_ends_when_a_reset_comes(tmp_path: Path) -> None:

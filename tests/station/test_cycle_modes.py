@@ -10,8 +10,9 @@ import pytest
 from alignment.values import Refusal, RefusalCode
 from db.records import CheckOutcome, ZeroRecord
 from sensors.formats import read_shot
-from station.line.messages import (
-    LineErrorCode,
+from station.cycle.positions import WheelPosition
+from station.cycle.words import (
+    ErrorCode,
     LiveAngles,
     LiveState,
     Mode,
@@ -20,7 +21,6 @@ from station.line.messages import (
     StationState,
     Stop,
 )
-from station.wheels import WheelPosition
 from tests.station.bench import MASTER, TODAY, WHEELS, Bench, camera_error, measurement, open_bench
 
 SIGN = {"camber": 0.8, "toe": 0.2}
@@ -87,13 +87,13 @@ def test_prepare_arms_the_cameras_or_is_refused(bench: Bench) -> None:
     assert sorted(armed) == [f"armed {wheel}" for wheel in WHEELS[1:]]
     bench.line.queue.append(Prepare(4, WHEELS, 77))
     bench.cycle.step(0.1)
-    assert bench.line.refused == [(4, LineErrorCode.UNKNOWN_VEHICLE_TYPE)]
+    assert bench.line.refused == [(4, ErrorCode.UNKNOWN_VEHICLE_TYPE)]
     assert bench.cycle.state is StationState.IDLE
 
 
 def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Path) -> None:
     assert bench.trigger(mode=Mode.CALIBRATE) is None
-    assert bench.line.refused == [(1, LineErrorCode.MODE_NOT_AVAILABLE)]
+    assert bench.line.refused == [(1, ErrorCode.MODE_NOT_AVAILABLE)]
     with open_bench(image_folder=tmp_path / "images") as able:
         able.rigs["rear_right"].shoot_error = camera_error()
         able.trigger(2, wheels=WHEELS[:3], mode=Mode.CALIBRATE)
@@ -108,7 +108,7 @@ def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Pat
         assert able.line.outcomes["rear_right"] is Outcome.FAULT
         assert able.line.outcomes["front_left"] is Outcome.RECORDED
         assert able.cycle.state is StationState.FAULT
-        assert able.line.status.error_code is LineErrorCode.CAMERA_FAULT
+        assert able.line.status.error_code is ErrorCode.CAMERA_FAULT
 
 
 def zero(name: str, rig: str, calibration: str, toe: float) -> ZeroRecord:

@@ -14,16 +14,7 @@ from alignment.values import Refusal, RefusalCode
 from db.queries import ResultReader, since_last_good_check, vin_history
 from db.records import CycleOutcome, CycleRecord, EventRecord, Verdict, WheelOutcome
 from db.store import ResultStore
-from station.line.messages import (
-    Abort,
-    Acknowledge,
-    Command,
-    LineErrorCode,
-    Mode,
-    Outcome,
-    Reset,
-    StationState,
-)
+from station.cycle.words import Abort, Acknowledge, Command, ErrorCode, Mode, Outcome, Reset, StationState
 from tests.station.bench import (
     GATE_S,
     MASTER,
@@ -117,7 +108,7 @@ def test_station_is_not_reset_while_the_late_commit_hangs(bench: Bench) -> None:
     bench.line.queue.append(Reset(2))
     bench.cycle.step(0.1)
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
     ends_well(bench, delay)
     bench.line.queue.append(Reset(3))
     bench.cycle.step(0.1)
@@ -240,7 +231,7 @@ def test_end_of_a_vehicle_that_could_not_be_stored_is_not_followed_by_ready(
     bench.line.queue.append(how)
     bench.cycle.step(0.1)
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
     bench.line.queue.append(Reset(3))
     bench.cycle.step(0.1)
     assert bench.cycle.state is StationState.FAULT

@@ -14,16 +14,16 @@ import pytest
 from alignment.values import WheelMeasurement
 from db.records import CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelOutcome
 from station.configuration.vehicle_types import VehicleType
-from station.contradiction import contradicts
-from station.cycle_record import cycle_record
-from station.evaluation import Evaluation, evaluate
+from station.cycle.answers import Standing, answers_of
+from station.cycle.contradiction import contradicts
+from station.cycle.judging import Evaluation, evaluate
+from station.cycle.ports import Identity
+from station.cycle.positions import Failure, WheelResult, fault
+from station.cycle.record import cycle_record
+from station.cycle.verdict import Status
+from station.cycle.words import ErrorCode, Mode, Outcome, Quality, Trigger
 from station.line.dbc import LineDatabase, Value, load_line_database
-from station.line.messages import LineErrorCode, Mode, Outcome, Quality, Trigger
 from station.line.results import result_frames
-from station.ports import Identity
-from station.records import Standing, answers_of
-from station.verdict import Status
-from station.wheels import Failure, WheelResult, fault
 from tests.station.bench import AXLE, KIND, TODAY, TOLERANCE, VIN, WHEELS, measurement
 from tests.station.line.line_bench import DBC
 
@@ -274,8 +274,8 @@ def test_angle_without_limits_is_reported_and_not_requested(database: LineDataba
     assert answers.vehicle.outcome is Outcome.NOT_REQUESTED
 
 
-REFUSED = Failure(WheelOutcome.REFUSED, LineErrorCode.MEASUREMENT_REFUSED, "head_dark", "front_left: dark")
-BROKEN = fault(LineErrorCode.CAMERA_FAULT, "rear_right: it burns")
+REFUSED = Failure(WheelOutcome.REFUSED, ErrorCode.MEASUREMENT_REFUSED, "head_dark", "front_left: dark")
+BROKEN = fault(ErrorCode.CAMERA_FAULT, "rear_right: it burns")
 
 
 def test_part_that_failed_says_more_than_a_wheel_that_was_refused() -> None:
@@ -289,7 +289,7 @@ def test_part_that_failed_says_more_than_a_wheel_that_was_refused() -> None:
         Identity("s", "1", "c"), trigger, KIND, evaluate(KIND, results, 2.0), None,
         received_utc=TODAY, measured_s=101.0,
     )  # fmt: skip
-    assert (error, wheel) == (LineErrorCode.CAMERA_FAULT, "rear_right")
+    assert (error, wheel) == (ErrorCode.CAMERA_FAULT, "rear_right")
     assert record.outcome is CycleOutcome.FAULT
     assert record.reason_code == "camera_fault"
     assert record.reason_text == "rear_right: it burns; front_left: dark"

@@ -13,7 +13,7 @@ import pytest
 
 from db.records import CycleOutcome
 from station.app import stop_on_signals
-from station.line.messages import Mode, Outcome, StationState
+from station.cycle.words import Mode, Outcome, StationState
 from tests.station.bench import Restarted, open_bench
 
 ROOT = Path(__file__).resolve().parents[2]

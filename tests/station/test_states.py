@@ -2,8 +2,8 @@ import itertools
 
 import pytest
 
-from station.line.messages import StationState as State
-from station.states import TRANSITIONS, IllegalTransitionError, StateMachine
+from station.cycle.states import TRANSITIONS, IllegalTransitionError, StateMachine
+from station.cycle.words import StationState as State
 
 PATHS: dict[State, list[State]] = {
     State.STARTING: [],

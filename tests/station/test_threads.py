@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from alignment.errors import CameraError, StoreError, StoreUnavailableError
-from station.line.messages import LineErrorCode, Mode, Outcome, Reset, StationState, Stop
-from station.store_thread import StoreThread
+from station.cycle.store_thread import StoreThread
+from station.cycle.words import ErrorCode, Mode, Outcome, Reset, StationState, Stop
 from station.threads.health import ThreadWatch
 from station.threads.supervised import SupervisedThread
 from station.threads.worker import Worker, WorkerError
@@ -152,7 +152,7 @@ def test_defect_in_a_wheels_thread_is_told_counted_and_survived(bench: Bench, er
     report = bench.trigger(wheels=["front_left"])
     assert report is not None
     assert report.told is Outcome.FAULT
-    assert bench.line.status.error_code is LineErrorCode.INTERNAL_FAULT
+    assert bench.line.status.error_code is ErrorCode.INTERNAL_FAULT
     assert type(error).__name__ in (report.record.reason_text or "")
     bench.raises = None
     bench.line.queue.append(Reset(2))
@@ -172,7 +172,7 @@ def test_defect_in_the_stores_thread_is_told_counted_and_survived(bench: Bench, 
     report = bench.trigger()
     assert report is not None
     assert report.told is Outcome.FAULT
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
     bench.store.hold = lambda record: None
     bench.line.queue.append(Reset(2))
     bench.cycle.step(0.1)
@@ -241,7 +241,7 @@ def test_cameras_that_do_not_take_their_settings_in_time_are_a_fault_and_left_al
         assert "rear_left: its cameras did not answer within 0.1 s" in (report.record.reason_text or "")
         bench.line.queue.append(Reset(2))
         bench.cycle.step(0.1)
-        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+        assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
         gate.set()
         assert bench.cycle._wheel_threads.drain(GATE_S)
         bench.line.queue.append(Reset(3))
@@ -284,7 +284,7 @@ def test_rig_that_hangs_amid_adjusting_neither_keeps_the_others_nor_the_station(
         bench.line.queue.append(Reset(2))
         bench.cycle.step(0.1)
         assert bench.cycle.state is StationState.FAULT
-        assert bench.line.status.error_code is LineErrorCode.CYCLE_TIMEOUT
+        assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
         assert "connected rear_right" not in bench.log
 
 
@@ -331,7 +331,7 @@ def test_images_that_come_after_a_calibration_start_was_told_a_fault_are_not_kep
 def test_rig_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("station.wheel_threads._CLOSING_S", 0.2)
+    monkeypatch.setattr("station.cycle.wheel_threads._CLOSING_S", 0.2)
     bench = Bench(measure_s=1.0)
     bench.cycle.start()
     gate = bench.rigs["front_left"].gate = threading.Event()

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from alignment.errors import DegenerateInputError
 from db.records import CycleOutcome, Verdict
-from station.verdict import Angle, Limits, Status, combined, cycle_outcome
+from station.configuration.limits import Limits
+from station.cycle.verdict import Angle, Status, combined, cycle_outcome
 
 LIMITS = Limits(-0.01, 0.01)
 ANGLE = Angle("front_left.toe", LIMITS)

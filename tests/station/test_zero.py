@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from db.records import CycleOutcome, WheelOutcome, ZeroRecord
-from station.line.messages import LineErrorCode, Outcome, StationState
+from station.cycle.words import ErrorCode, Outcome, StationState
 from tests.db.example_records import zero
 from tests.station.bench import WHEELS, Bench, measurement, open_bench, store_error
 
@@ -92,7 +92,7 @@ def test_when_the_zeros_cannot_be_read_nothing_is_measured_without_them(bench: B
     assert {wheel.outcome for wheel in report.record.wheels} == {WheelOutcome.FAULT}
     assert set(bench.line.outcomes.values()) == {Outcome.FAULT}
     assert bench.cycle.state is StationState.FAULT
-    assert bench.line.status.error_code is LineErrorCode.STORE_FAULT
+    assert bench.line.status.error_code is ErrorCode.STORE_FAULT
 
 
 def test_a_large_uncertainty_of_the_master_refuses_the_wheel(bench: Bench) -> None:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import can
 
+from station.cycle.words import Command, StationState, StationStatus
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, Value
 from station.line.interface import StationLine
-from station.line.messages import Command, CommandAnswer, LineStatus, StationState, StationStatus
+from station.line.messages import CommandAnswer, LineStatus
 from station.line.protection import Protector
 from station.line.status import read_answer, read_status
 

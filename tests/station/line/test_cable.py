@@ -14,12 +14,12 @@ import pytest
 from can_remote import RemoteServer
 
 from alignment.errors import ConfigurationError
+from station.cycle.words import StationState, StationStatus
 from station.line.bus import LineBus, open_bus
 from station.line.cable import Cable
 from station.line.channel import BusSettings, Channel
 from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
-from station.line.messages import StationState, StationStatus
 from station.line.orders import PlcTimeouts
 from station.line.plc import PlcSimulator
 from tests.station.line.line_bench import WAIT_S, FakeCanBus

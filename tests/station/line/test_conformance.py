@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 
 from alignment.errors import ConfigurationError
+from station.cycle.words import ErrorCode
 from station.line.bus import open_bus
 from station.line.conformance import POINTS, check_station, point_named, try_point
 from station.line.dbc import LineDatabase
 from station.line.document import interface_document
 from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, Handshake, Rule
-from station.line.messages import HandshakeState, LineErrorCode
+from station.line.messages import HandshakeState
 from station.line.options import LineOptions
 from station.line.orders import PlcTimeouts
 from station.line.plc import PlcSimulator
@@ -130,7 +131,7 @@ def test_document_holds_everything(database: LineDatabase) -> None:
         assert f"{message.name} (0x{message.frame_id:03X})" in document
         for signal in message.signals:
             assert signal.name in document
-    assert all(f"`{code}`" in document for code in LineErrorCode if code is not LineErrorCode.NONE)
+    assert all(f"`{code}`" in document for code in ErrorCode if code is not ErrorCode.NONE)
     assert all(state in document for state in HandshakeState)
 
 

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError
+from station.cycle.words import ErrorCode, Trigger
 from station.line.bus import LineBus
 from station.line.dbc import LineDatabase, load_line_database
 from station.line.error_codes import MEANINGS
 from station.line.interface import StationLine
-from station.line.messages import LineErrorCode, Trigger
 from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
 
 TEXT = DBC.read_text(encoding="cp1252")
@@ -298,4 +298,4 @@ def test_words_of_the_error_codes_are_those_of_the_program() -> None:
     assert isinstance(raw, cantools.database.Database)
     table = raw.get_message_by_name("Status").get_signal_by_name("ErrorCode").choices
     assert table is not None
-    assert {str(word) for word in table.values()} == set(LineErrorCode) == set(MEANINGS)
+    assert {str(word) for word in table.values()} == set(ErrorCode) == set(MEANINGS)

@@ -9,20 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.line.handshake import COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
-    Answer,
     Command,
-    CommandCode,
-    LineErrorCode,
+    ErrorCode,
     Mode,
     Prepare,
     Reset,
     Stop,
     Trigger,
 )
+from station.line.handshake import COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
+from station.line.messages import Answer, CommandCode
 from station.line.messages import HandshakeState as State
 
 OWN, OTHER = 5, 6
@@ -105,7 +104,7 @@ def test_every_cell_of_the_table(state: State, request_: Request) -> None:
     assert handshake.state is (rule.target or state)
     assert handshake.reply.refusal is rule.refusal
     assert (handshake.reply.code, handshake.reply.sequence) == (code, number)
-    accepted = rule.refusal is LineErrorCode.NONE
+    accepted = rule.refusal is ErrorCode.NONE
     assert handshake.reply.answer is (Answer.ACCEPTED if accepted else Answer.REFUSED)
     if rule.deliver:
         assert isinstance(told, TOLD[code])
@@ -132,7 +131,7 @@ def test_every_event_in_every_state(state: State, event: Event) -> None:
     told = handshake.happened(event)
     assert handshake.state is EVENTS[event].get(state, state)
     lost = event is Event.LINK_LOST and state is State.ADJUSTING
-    assert told == (Abort(OWN, LineErrorCode.COMMUNICATION_LOST) if lost else None)
+    assert told == (Abort(OWN, ErrorCode.COMMUNICATION_LOST) if lost else None)
 
 
 # The table once more, by hand: what the program's own table must say. A word with ">" leads to a state and is
@@ -188,13 +187,13 @@ def test_events_lead_where_it_was_decided() -> None:
 def test_refused_commands_and_repetitions_change_nothing() -> None:
     for state, rules in COMMANDS.items():
         for request, rule in rules.items():
-            if rule.refusal is not LineErrorCode.NONE:
+            if rule.refusal is not ErrorCode.NONE:
                 assert rule.target is None, (state, request)
                 assert not rule.deliver
             if rule.target is None:
                 assert not rule.deliver
             if rule.again:
-                assert rule.refusal is not LineErrorCode.NONE
+                assert rule.refusal is not ErrorCode.NONE
 
 
 def test_a_reset_leads_out_of_every_state_and_an_abort_out_of_every_cycle() -> None:
@@ -241,7 +240,7 @@ def test_start_that_stood_there_before_is_not_carried_out() -> None:
     handshake = Handshake()
     handshake.happened(Event.CYCLE_READY)
     assert handshake.asked(START) is None
-    assert handshake.reply.refusal is LineErrorCode.START_STALE
+    assert handshake.reply.refusal is ErrorCode.START_STALE
     assert handshake.asked(START) is None
     assert handshake.state is State.READY
     assert isinstance(handshake.asked(replace(START, sequence=6)), Trigger)
@@ -251,7 +250,7 @@ def test_start_that_stands_when_the_communication_comes_back_is_not_carried_out(
     handshake = handshake_in(State.READY)
     handshake.happened(Event.LINK_LOST)
     assert handshake.asked(replace(START, sequence=9)) is None
-    assert handshake.reply.refusal is LineErrorCode.START_STALE
+    assert handshake.reply.refusal is ErrorCode.START_STALE
     handshake.asked(NONE)
     assert isinstance(handshake.asked(replace(START, sequence=9)), Trigger)
 
@@ -266,26 +265,26 @@ def test_stale_is_a_matter_of_starts_alone() -> None:
 @pytest.mark.parametrize("code", [CommandCode.START, CommandCode.PREPARE])
 def test_command_with_wrong_content_is_refused_with_its_reason(code: CommandCode) -> None:
     handshake = handshake_in(State.READY)
-    asked = replace(START, code=code, sequence=8, trouble=LineErrorCode.NO_WHEELS)
+    asked = replace(START, code=code, sequence=8, trouble=ErrorCode.NO_WHEELS)
     assert handshake.asked(asked) is None
-    assert handshake.reply.refusal is LineErrorCode.NO_WHEELS
+    assert handshake.reply.refusal is ErrorCode.NO_WHEELS
     assert handshake.state is State.READY
-    assert handshake.asked(replace(asked, trouble=LineErrorCode.NONE)) is None, "it stands, and stays refused"
+    assert handshake.asked(replace(asked, trouble=ErrorCode.NONE)) is None, "it stands, and stays refused"
 
 
 def test_content_matters_only_where_the_command_would_be_accepted() -> None:
     handshake = handshake_in(State.BUSY)
-    handshake.asked(replace(START, sequence=OTHER, trouble=LineErrorCode.NO_WHEELS))
-    assert handshake.reply.refusal is LineErrorCode.BUSY
+    handshake.asked(replace(START, sequence=OTHER, trouble=ErrorCode.NO_WHEELS))
+    assert handshake.reply.refusal is ErrorCode.BUSY
 
 
 def test_start_waits_for_the_rest_of_its_vin() -> None:
     handshake = handshake_in(State.READY)
-    asked = replace(START, sequence=8, trouble=LineErrorCode.VIN_INCOMPLETE)
+    asked = replace(START, sequence=8, trouble=ErrorCode.VIN_INCOMPLETE)
     assert handshake.asked(asked) is None
-    assert handshake.reply.refusal is LineErrorCode.VIN_INCOMPLETE
-    assert isinstance(handshake.asked(replace(asked, trouble=LineErrorCode.NONE)), Trigger)
-    assert handshake.reply.refusal is LineErrorCode.NONE
+    assert handshake.reply.refusal is ErrorCode.VIN_INCOMPLETE
+    assert isinstance(handshake.asked(replace(asked, trouble=ErrorCode.NONE)), Trigger)
+    assert handshake.reply.refusal is ErrorCode.NONE
 
 
 def test_reset_that_stands_while_the_station_starts_is_carried_out_then() -> None:
@@ -311,9 +310,9 @@ def test_cycle_that_declines_a_start_frees_its_number_and_answers_it() -> None:
     handshake = handshake_in(State.READY)
     start = replace(START, sequence=8)
     handshake.asked(start)
-    handshake.refuse(8, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    handshake.refuse(8, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     assert handshake.state is State.READY
-    assert handshake.reply.refusal is LineErrorCode.UNKNOWN_VEHICLE_TYPE
+    assert handshake.reply.refusal is ErrorCode.UNKNOWN_VEHICLE_TYPE
     assert not handshake.awaits(8)
     assert handshake.asked(start) is None
     handshake.asked(NONE)
@@ -323,12 +322,12 @@ def test_cycle_that_declines_a_start_frees_its_number_and_answers_it() -> None:
 def test_late_refusal_does_not_answer_another_command() -> None:
     handshake = handshake_in(State.BUSY)
     handshake.asked(Asked(CommandCode.ABORT, OWN))
-    handshake.refuse(OWN, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    handshake.refuse(OWN, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     assert handshake.reply.code is CommandCode.ABORT
     assert handshake.reply.answer is Answer.ACCEPTED
     assert handshake.state is State.READY
     handshake = handshake_in(State.PREPARED)
-    handshake.refuse(9, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    handshake.refuse(9, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     assert handshake.state is State.READY
     assert handshake.asked(replace(START, sequence=OWN)) is None, (
         "the number of the start before is still used"
@@ -336,16 +335,16 @@ def test_late_refusal_does_not_answer_another_command() -> None:
     handshake = handshake_in(State.READY)
     handshake.asked(Asked(CommandCode.PREPARE, 9))
     handshake.asked(Asked(CommandCode.PREPARE, 10))
-    handshake.refuse(9, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    handshake.refuse(9, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     assert handshake.reply.answer is Answer.ACCEPTED
 
 
 def test_preparation_that_the_cycle_declines_is_answered() -> None:
     handshake = handshake_in(State.READY)
     handshake.asked(Asked(CommandCode.PREPARE, 9))
-    handshake.refuse(9, LineErrorCode.WHEEL_NOT_AVAILABLE)
+    handshake.refuse(9, ErrorCode.WHEEL_NOT_AVAILABLE)
     assert (handshake.reply.code, handshake.reply.sequence) == (CommandCode.PREPARE, 9)
-    assert handshake.reply.refusal is LineErrorCode.WHEEL_NOT_AVAILABLE
+    assert handshake.reply.refusal is ErrorCode.WHEEL_NOT_AVAILABLE
 
 
 def test_results_of_an_earlier_run_are_held_and_can_be_acknowledged() -> None:
@@ -366,7 +365,7 @@ def test_number_of_a_start_that_was_reset_may_be_used_again() -> None:
 def test_before_the_first_command_there_is_no_answer() -> None:
     reply = Handshake().reply
     assert reply.answer is Answer.NONE
-    assert (reply.code, reply.sequence, reply.refusal) == (CommandCode.NONE, 0, LineErrorCode.NONE)
+    assert (reply.code, reply.sequence, reply.refusal) == (CommandCode.NONE, 0, ErrorCode.NONE)
 
 
 COMMANDS_IN = st.builds(
@@ -375,7 +374,7 @@ COMMANDS_IN = st.builds(
     sequence=st.integers(1, 3),
     wheels=st.just(("front_left",)),
     mode=st.sampled_from(Mode),
-    trouble=st.sampled_from([LineErrorCode.NONE, LineErrorCode.VIN_INCOMPLETE, LineErrorCode.NO_WHEELS]),
+    trouble=st.sampled_from([ErrorCode.NONE, ErrorCode.VIN_INCOMPLETE, ErrorCode.NO_WHEELS]),
 )
 
 
@@ -395,7 +394,7 @@ def test_no_history_yields_two_triggers_without_an_end_between_or_results_withou
             told = handshake.asked(step)
         if isinstance(told, Trigger):
             assert open_start is None
-            assert step.trouble is LineErrorCode.NONE  # type: ignore[union-attr]
+            assert step.trouble is ErrorCode.NONE  # type: ignore[union-attr]
             open_start = told.sequence
         if not handshake.busy:
             open_start = None
@@ -407,7 +406,7 @@ def test_no_history_yields_two_triggers_without_an_end_between_or_results_withou
 def test_command_without_content_asks_for_nothing() -> None:
     asked = Asked(CommandCode.STOP, 1)
     assert (asked.wheels, asked.vehicle_type, asked.mode, asked.vin) == ((), 0, Mode.AUTOMATIC, "")
-    assert (asked.received_s, asked.trouble) == (0.0, LineErrorCode.NONE)
+    assert (asked.received_s, asked.trouble) == (0.0, ErrorCode.NONE)
 
 
 def test_start_in_hand_that_still_stands_when_the_communication_comes_back_is_harmless() -> None:
@@ -420,14 +419,14 @@ def test_start_in_hand_that_still_stands_when_the_communication_comes_back_is_ha
 
 def test_content_of_a_command_that_has_none_does_not_matter() -> None:
     handshake = handshake_in(State.BUSY)
-    told = handshake.asked(Asked(CommandCode.ABORT, OWN, trouble=LineErrorCode.VIN_INCOMPLETE))
+    told = handshake.asked(Asked(CommandCode.ABORT, OWN, trouble=ErrorCode.VIN_INCOMPLETE))
     assert told == Abort(OWN)
 
 
 @pytest.mark.parametrize("value", [COMMANDS[State.READY][Request.RESET], START, Handshake().reply])
 def test_rules_commands_and_replies_cannot_be_changed(value: object) -> None:
     with pytest.raises(FrozenInstanceError):
-        value.refusal = value.trouble = LineErrorCode.BUSY  # type: ignore[attr-defined]
+        value.refusal = value.trouble = ErrorCode.BUSY  # type: ignore[attr-defined]
 
 
 def test_a_station_that_was_just_started_has_the_number_of_no_vehicle() -> None:

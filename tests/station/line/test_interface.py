@@ -13,14 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.interface import StationLine
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
     AxleAnswer,
-    LineErrorCode,
+    ErrorCode,
     Outcome,
     Reset,
     StationState,
@@ -29,6 +26,9 @@ from station.line.messages import (
     VehicleAnswer,
     WheelAnswer,
 )
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase, load_line_database
+from station.line.interface import StationLine
 from station.line.protection import Protector
 from station.line.vin import is_vin
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Bench, Clock, FakeCanBus, command_frame, vin_frame
@@ -66,7 +66,7 @@ def test_repeated_start_is_no_second_trigger(bench: Bench) -> None:
     for _ in range(3):
         bench.start(9)
     assert len(bench.commands()) == 1
-    assert bench.status.error_code is LineErrorCode.NONE
+    assert bench.status.error_code is ErrorCode.NONE
     bench.line.send_results(9, [ok(wheel) for wheel in FOUR])
     bench.start(9)
     assert bench.status.done
@@ -80,7 +80,7 @@ def test_repeated_start_after_the_acknowledgement_is_refused(bench: Bench) -> No
     bench.idle()
     bench.start(9)
     assert [type(command) for command in bench.commands()] == [Trigger, Acknowledge]
-    assert bench.status.error_code is LineErrorCode.SEQUENCE_USED
+    assert bench.status.error_code is ErrorCode.SEQUENCE_USED
     assert bench.status.ready
 
 
@@ -88,18 +88,18 @@ def test_incomplete_vin_is_answered_with_its_error_code(bench: Bench) -> None:
     bench.vin(4, messages=("Vin1", "Vin3"))
     bench.command("start", 4)
     assert bench.commands() == []
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
     assert bench.status.error_sequence == 4
     assert not bench.status.busy
     bench.vin(4, messages=("Vin2",))
     bench.command("start", 4)
     assert bench.commands() == [Trigger(4, FOUR, 7, VIN)]
-    assert bench.status.error_code is LineErrorCode.NONE
+    assert bench.status.error_code is ErrorCode.NONE
 
 
 def test_start_without_any_vin_frame(bench: Bench) -> None:
     bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
     assert bench.commands() == []
 
 
@@ -107,11 +107,11 @@ def test_end_of_an_earlier_vin_never_completes_the_next(bench: Bench) -> None:
     bench.vin(1)
     bench.vin(1, vin="WVWZZZ9KZAW999999", messages=("Vin1", "Vin2"))
     bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
     bench.vin(1, messages=("Vin1", "Vin2", "Vin3"))
     bench.vin(2, messages=("Vin1", "Vin2"))
     bench.command("start", 2)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
     assert bench.commands() == []
 
 
@@ -121,46 +121,46 @@ def test_vin_of_an_accepted_start_is_used_up(bench: Bench) -> None:
     bench.commands()
     bench.idle()
     bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
 
 
 def test_vin_of_another_sequence_does_not_count(bench: Bench) -> None:
     bench.vin(1)
     bench.command("start", 2)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
 
 
 def test_vin_with_a_character_that_no_vin_has(bench: Bench) -> None:
     bench.vin(1, vin="WVWZZZ1KZAO123456")
     bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INVALID
+    assert bench.status.error_code is ErrorCode.VIN_INVALID
     assert bench.commands() == []
 
 
 def test_start_without_wheels(bench: Bench) -> None:
     bench.start(1, wheels=0)
-    assert bench.status.error_code is LineErrorCode.NO_WHEELS
+    assert bench.status.error_code is ErrorCode.NO_WHEELS
     assert bench.commands() == []
 
 
 def test_other_start_while_busy_and_while_done_is_refused_and_changes_nothing(bench: Bench) -> None:
     bench.start(1)
     bench.start(2)
-    assert (bench.status.error_code, bench.status.error_sequence) == (LineErrorCode.BUSY, 2)
+    assert (bench.status.error_code, bench.status.error_sequence) == (ErrorCode.BUSY, 2)
     assert (bench.status.sequence, bench.status.busy) == (1, True)
     bench.line.send_results(1, [ok(wheel) for wheel in FOUR])
     bench.start(3)
-    assert (bench.status.error_code, bench.status.error_sequence) == (LineErrorCode.NOT_ACKNOWLEDGED, 3)
+    assert (bench.status.error_code, bench.status.error_sequence) == (ErrorCode.NOT_ACKNOWLEDGED, 3)
     assert (bench.status.sequence, bench.status.done) == (1, True)
     assert bench.commands() == [Trigger(1, FOUR, 7, VIN)]
 
 
 def test_start_while_the_station_is_at_fault_needs_a_reset(bench: Bench) -> None:
-    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT))
+    bench.line.publish(StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT))
     bench.start(1)
     assert bench.commands() == []
     assert bench.status.fault
-    assert bench.status.error_code is LineErrorCode.CAMERA_FAULT
+    assert bench.status.error_code is ErrorCode.CAMERA_FAULT
     bench.command("reset", 2)
     assert bench.commands() == [Reset(2)]
     bench.idle()
@@ -170,10 +170,10 @@ def test_start_while_the_station_is_at_fault_needs_a_reset(bench: Bench) -> None
 
 def test_fault_during_a_cycle_ends_busy_until_the_reset(bench: Bench) -> None:
     bench.start(1)
-    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.STORE_FAULT))
+    bench.line.publish(StationStatus(StationState.FAULT, ErrorCode.STORE_FAULT))
     status = bench.status
     assert (status.busy, status.done, status.ready, status.fault) == (False, False, False, True)
-    assert (status.error_code, status.error_sequence) == (LineErrorCode.STORE_FAULT, 1)
+    assert (status.error_code, status.error_sequence) == (ErrorCode.STORE_FAULT, 1)
 
 
 def test_before_the_cycle_says_anything_the_station_is_not_ready(database: LineDatabase) -> None:
@@ -182,7 +182,7 @@ def test_before_the_cycle_says_anything_the_station_is_not_ready(database: LineD
         line = StationLine(bus, database, Clock())
         assert line.status.state is StationState.STARTING
         assert not line.status.fault
-        assert line.status.error_code is LineErrorCode.STARTING
+        assert line.status.error_code is ErrorCode.STARTING
         assert not line.status.ready
         line.close()
 
@@ -192,7 +192,7 @@ def test_reset_supersedes_what_was_queued_and_blocks_starts_until_the_cycle_took
     bench.command("reset", 2)
     assert not bench.status.ready
     bench.start(1)
-    assert bench.status.error_code is LineErrorCode.RESETTING
+    assert bench.status.error_code is ErrorCode.RESETTING
     bench.idle()
     assert not bench.status.ready, "the cycle speaks of what was before it took the reset"
     assert bench.commands() == [Reset(2)]
@@ -226,16 +226,16 @@ def test_abort_reaches_the_cycle_once(bench: Bench) -> None:
     bench.idle()
     bench.command("abort", 1)
     assert bench.commands() == [Acknowledge(1)]
-    assert bench.status.error_code is LineErrorCode.NONE
+    assert bench.status.error_code is ErrorCode.NONE
 
 
 @pytest.mark.parametrize("code", ["abort", "acknowledge"])
 def test_abort_and_acknowledge_of_another_sequence_are_harmless(bench: Bench, code: str) -> None:
     bench.command(code, 77)
-    assert bench.status.error_code is LineErrorCode.WRONG_SEQUENCE
+    assert bench.status.error_code is ErrorCode.WRONG_SEQUENCE
     bench.start(1)
     bench.command(code, 77)
-    assert (bench.status.error_code, bench.status.error_sequence) == (LineErrorCode.WRONG_SEQUENCE, 77)
+    assert (bench.status.error_code, bench.status.error_sequence) == (ErrorCode.WRONG_SEQUENCE, 77)
     assert bench.status.busy
     assert bench.commands() == [Trigger(1, FOUR, 7, VIN)]
 
@@ -243,7 +243,7 @@ def test_abort_and_acknowledge_of_another_sequence_are_harmless(bench: Bench, co
 def test_acknowledge_before_done_and_twice_after(bench: Bench) -> None:
     bench.start(1)
     bench.command("acknowledge", 1)
-    assert bench.status.error_code is LineErrorCode.NOTHING_TO_ACKNOWLEDGE
+    assert bench.status.error_code is ErrorCode.NOTHING_TO_ACKNOWLEDGE
     assert bench.status.busy
     bench.line.send_results(1, [ok(wheel) for wheel in FOUR])
     bench.command("acknowledge", 1)
@@ -261,20 +261,20 @@ def test_acknowledge_before_done_and_twice_after(bench: Bench) -> None:
 def test_unknown_command_code_and_none(bench: Bench) -> None:
     frame = command_frame(bench.database, "none", 8)
     bench.receive(frame)
-    assert bench.status.error_code is LineErrorCode.NONE
+    assert bench.status.error_code is ErrorCode.NONE
     frame.data[1] |= 0xF0
     bench.receive(frame)
-    assert (bench.status.error_code, bench.status.error_sequence) == (LineErrorCode.UNKNOWN_COMMAND, 8)
+    assert (bench.status.error_code, bench.status.error_sequence) == (ErrorCode.UNKNOWN_COMMAND, 8)
     assert bench.commands() == []
 
 
 def test_refused_trigger_frees_its_sequence(bench: Bench) -> None:
     bench.start(1)
     bench.commands()
-    bench.line.refuse(1, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
-    assert (bench.status.error_code, bench.status.error_sequence) == (LineErrorCode.UNKNOWN_VEHICLE_TYPE, 1)
+    bench.line.refuse(1, ErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert (bench.status.error_code, bench.status.error_sequence) == (ErrorCode.UNKNOWN_VEHICLE_TYPE, 1)
     assert bench.status.ready
-    assert bench.answer.error_code is LineErrorCode.UNKNOWN_VEHICLE_TYPE
+    assert bench.answer.error_code is ErrorCode.UNKNOWN_VEHICLE_TYPE
     bench.start(1)
     assert bench.commands() == [], "it stands as it was refused"
     bench.command("none", 0)
@@ -541,7 +541,7 @@ def check_traffic(received: list[can.Message]) -> int:
             if isinstance(command, Reset):
                 line.publish(StationStatus(StationState.IDLE))
             elif isinstance(command, Trigger):
-                line.refuse(command.sequence, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+                line.refuse(command.sequence, ErrorCode.UNKNOWN_VEHICLE_TYPE)
             if isinstance(command, Trigger | Reset):
                 vin_frames = {identifier: [] for identifier in vin_frames}
             assert not line.status.done

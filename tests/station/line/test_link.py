@@ -6,28 +6,26 @@ import can
 import pytest
 
 from alignment.errors import LineError
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase
-from station.line.link import ProtectedLink
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
-    Answer,
-    LineErrorCode,
-    LineStatus,
+    ErrorCode,
     LiveAngles,
     LiveState,
     Mode,
     Outcome,
     Prepare,
     Reset,
-    StationInfo,
     StationState,
     StationStatus,
     Stop,
     Trigger,
     WheelAnswer,
 )
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase
+from station.line.link import ProtectedLink
+from station.line.messages import Answer, LineStatus, StationInfo
 from station.line.messages import HandshakeState as State
 from station.line.monitor import decode_frame
 from station.line.protection import Check, Guard, Protector
@@ -43,7 +41,7 @@ IDLE = LineStatus(
     done=False,
     fault=False,
     alive_counter=0,
-    error_code=LineErrorCode.NONE,
+    error_code=ErrorCode.NONE,
     error_sequence=0,
 )
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")
@@ -82,7 +80,7 @@ def test_before_the_controller_is_heard_the_station_is_not_ready(bench: Bench) -
     lose(bench)
     status = bench.status
     assert not status.ready
-    assert status.error_code is LineErrorCode.COMMUNICATION_LOST
+    assert status.error_code is ErrorCode.COMMUNICATION_LOST
     assert not bench.answer.link_up
     assert not status.fault, "the station itself is sound"
 
@@ -92,7 +90,7 @@ def test_controller_that_comes_back_must_give_its_start_anew(bench: Bench) -> No
     for _ in range(3):
         bench.vin(5)
         bench.command("start", 5)
-    assert bench.answer.error_code is LineErrorCode.START_STALE
+    assert bench.answer.error_code is ErrorCode.START_STALE
     assert bench.commands() == []
     bench.command("none", 5)
     bench.start(5)
@@ -117,7 +115,7 @@ def test_adjusting_ends_when_the_controller_is_lost(bench: Bench) -> None:
     assert isinstance(trigger, Trigger)
     assert trigger.mode is Mode.ADJUST
     lose(bench)
-    assert bench.commands() == [Abort(1, LineErrorCode.COMMUNICATION_LOST)]
+    assert bench.commands() == [Abort(1, ErrorCode.COMMUNICATION_LOST)]
     assert bench.status.handshake is State.ENDING
 
 
@@ -165,8 +163,8 @@ def test_preparation_is_forgotten_after_a_while(bench: Bench) -> None:
 def test_preparation_that_the_cycle_declines(bench: Bench) -> None:
     bench.command("prepare", 3)
     bench.commands()
-    bench.line.refuse(3, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
-    assert bench.answer.error_code is LineErrorCode.UNKNOWN_VEHICLE_TYPE
+    bench.line.refuse(3, ErrorCode.UNKNOWN_VEHICLE_TYPE)
+    assert bench.answer.error_code is ErrorCode.UNKNOWN_VEHICLE_TYPE
     assert bench.status.ready
 
 
@@ -175,7 +173,7 @@ def test_mode_that_no_value_table_has(bench: Bench) -> None:
     frame = command_frame(bench.database, "start", 1)
     frame.data[7] = 0x0F
     bench.receive(frame)
-    assert bench.answer.error_code is LineErrorCode.MODE_NOT_AVAILABLE
+    assert bench.answer.error_code is ErrorCode.MODE_NOT_AVAILABLE
     assert bench.commands() == []
 
 
@@ -195,7 +193,7 @@ def test_results_of_an_earlier_run_are_offered_until_they_are_taken(bench: Bench
 
 def test_information_and_error_detail_come_every_second_and_when_they_change(bench: Bench) -> None:
     bench.messages()
-    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT, "rear_left"))
+    bench.line.publish(StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT, "rear_left"))
     detail = sent(bench, "ErrorDetail")
     assert (detail["Part"], detail["ErrorCode"], detail["Wheel"], detail["Count"]) == (
         "cameras",
@@ -203,7 +201,7 @@ def test_information_and_error_detail_come_every_second_and_when_they_change(ben
         "rear_left",
         1,
     )
-    bench.line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT, "rear_left"))
+    bench.line.publish(StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT, "rear_left"))
     assert "ErrorDetail" not in dict(bench.messages())
     names: list[str] = []
     for _ in range(21):
@@ -219,7 +217,7 @@ def test_information_and_error_detail_come_every_second_and_when_they_change(ben
 def test_refusal_that_comes_after_a_reset_is_harmless(bench: Bench) -> None:
     bench.start(1)
     bench.command("reset", 2)
-    bench.line.refuse(1, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    bench.line.refuse(1, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     assert bench.status.handshake is State.RESETTING
 
 
@@ -245,7 +243,7 @@ def test_vin_from_before_a_lost_communication_is_not_that_of_the_vehicle_after_i
     for _ in range(2):
         bench.command("none", 0)
     bench.command("start", 5)
-    assert bench.answer.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.answer.error_code is ErrorCode.VIN_INCOMPLETE
     assert bench.commands() == []
 
 
@@ -256,7 +254,7 @@ def test_reset_forgets_the_vin_of_the_vehicle_before_it(bench: Bench) -> None:
     bench.idle()
     bench.command("none", 6)
     bench.command("start", 5)
-    assert bench.answer.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.answer.error_code is ErrorCode.VIN_INCOMPLETE
     assert bench.commands() == []
 
 
@@ -304,7 +302,7 @@ def test_results_are_given_once_also_when_the_bus_did_not_take_them_yet(bench: B
 
 def test_numbers_beyond_their_signal_stay_at_its_end(bench: Bench) -> None:
     """ErrorDetail.Count stays at 65535, as the page says; it does not begin anew."""
-    frame = detail_frame(bench.database, LineErrorCode.CAMERA_FAULT, 1, "front_left", 70_000)
+    frame = detail_frame(bench.database, ErrorCode.CAMERA_FAULT, 1, "front_left", 70_000)
     assert bench.database.decode(frame)["Count"] == 65535
     info = info_frame(bench.database, StationInfo((2, 0), (300, 256, 255), 9))
     values = bench.database.decode(info)

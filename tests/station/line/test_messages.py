@@ -9,11 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
-from station.line.dbc import LineDatabase, Value, load_line_database
-from station.line.messages import (
+from station.cycle.words import (
     AxleAnswer,
-    LineErrorCode,
-    LineStatus,
+    ErrorCode,
     Outcome,
     StationState,
     StationStatus,
@@ -21,6 +19,8 @@ from station.line.messages import (
     WheelAnswer,
     overall_outcome,
 )
+from station.line.dbc import LineDatabase, Value, load_line_database
+from station.line.messages import LineStatus
 from station.line.results import (
     axle_frames,
     read_axle,
@@ -164,7 +164,7 @@ def test_axle_vehicle_and_status_that_contradict_themselves() -> None:
         read_vehicle({**thrust, "Outcome": "none"})
     frame = status_frame(
         DATABASE,
-        LineStatus(StationState.IDLE, 1, True, False, False, False, 3, LineErrorCode.NONE, 0),
+        LineStatus(StationState.IDLE, 1, True, False, False, False, 3, ErrorCode.NONE, 0),
     )
     frame.data[1] = 0xF0
     with pytest.raises(LineError, match="not understood"):

@@ -17,16 +17,10 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value, load_line_database
-from station.line.handshake import Asked, Event, Handshake
-from station.line.interface import StationLine
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
-    CommandCode,
-    HandshakeState,
-    LineErrorCode,
+    ErrorCode,
     Outcome,
     Reset,
     StationState,
@@ -34,6 +28,11 @@ from station.line.messages import (
     Trigger,
     WheelAnswer,
 )
+from station.line.bus import LineBus
+from station.line.dbc import LineDatabase, Value, load_line_database
+from station.line.handshake import Asked, Event, Handshake
+from station.line.interface import StationLine
+from station.line.messages import CommandCode, HandshakeState
 from tests.documents import snippets
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows
@@ -59,7 +58,7 @@ class World:
         self.kept = Kept()
         self.triggers: list[str] = []
         self.stored: list[tuple[str, Outcome]] = []
-        self.starts: list[tuple[int, LineErrorCode | None]] = []
+        self.starts: list[tuple[int, ErrorCode | None]] = []
         self.held: tuple[int, Outcome] | None = None
         self.plan: dict[str, str] = {}
         self.broken = False
@@ -153,7 +152,7 @@ class World:
             case Reset():
                 self._cycle = self.held = None
                 if self.broken:
-                    line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT))
+                    line.publish(StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT))
                 else:
                     self.idle()
 
@@ -161,9 +160,9 @@ class World:
         plan = self.plan.pop(trigger.vin, "measure")
         self.starts.append((trigger.sequence, None))
         if plan == "unknown type":
-            line.refuse(trigger.sequence, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+            line.refuse(trigger.sequence, ErrorCode.UNKNOWN_VEHICLE_TYPE)
         elif plan == "fault":
-            line.publish(StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT))
+            line.publish(StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT))
         else:
             lasts_s = CYCLE_S if plan == "measure" else 1e9
             self._cycle = trigger, self.clock.now + lasts_s
@@ -233,7 +232,7 @@ def test_station_that_is_still_starting_gets_no_start_and_no_reset(world: World)
     world.power_station()
     assert world.line is not None
     world.line._handshake.__init__()  # type: ignore[misc]
-    world.line.publish(StationStatus(StationState.FAULT, LineErrorCode.STARTING))
+    world.line.publish(StationStatus(StationState.FAULT, ErrorCode.STARTING))
     world.line._handshake.__init__()  # type: ignore[misc]
     world.plc.waiting.append(VIN)
     world.run(30.0)
@@ -495,10 +494,10 @@ def test_command_does_in_a_state_what_the_page_says(state: str, request_: str, c
     handshake.asked(Asked(CommandCode(code), 5 if number == "same number" else 6, ("front_left",), vin=VIN))
     refusal = handshake.reply.refusal
     if cell.startswith("→"):
-        assert (handshake.state, refusal) == (cell[2:], LineErrorCode.NONE)
+        assert (handshake.state, refusal) == (cell[2:], ErrorCode.NONE)
     else:
         assert handshake.state == state
-        assert cell == ("*harmless*" if refusal is LineErrorCode.NONE else f"`{refusal}`")
+        assert cell == ("*harmless*" if refusal is ErrorCode.NONE else f"`{refusal}`")
 
 
 def test_drawn_states_are_left_as_drawn() -> None:

@@ -12,9 +12,9 @@ from alignment.errors import ConfigurationError, LineConnectionError
 from station.composition import cycle_bounds
 from station.configuration.settings import StationConfig
 from station.configuration.toml import read_toml
+from station.cycle.store_thread import StoreThread
+from station.cycle.words import ErrorCode, Mode, Outcome, WheelAnswer
 from station.line.bus import LineBus
-from station.line.messages import LineErrorCode, Mode, Outcome, WheelAnswer
-from station.store_thread import StoreThread
 from station.threads.supervised import SupervisedThread
 from tests.station.bench import Bench as CycleBench
 from tests.station.bench import open_bench
@@ -52,14 +52,14 @@ def test_vin_frames_count_for_two_seconds(bench: Bench) -> None:
     bench.vin(1)
     bench.clock.now += 2.001
     bench.command("start", 1)
-    assert bench.status.error_code is LineErrorCode.VIN_INCOMPLETE
+    assert bench.status.error_code is ErrorCode.VIN_INCOMPLETE
     bench.vin(2)
     for _ in range(3):
         bench.clock.now += 0.45
         bench.command("none", 0)
     bench.clock.now += 0.6
     bench.command("start", 2)
-    assert bench.status.error_code is LineErrorCode.NONE
+    assert bench.status.error_code is ErrorCode.NONE
     assert bench.status.busy
 
 
@@ -71,7 +71,7 @@ def test_controller_is_lost_after_500_ms(bench: Bench) -> None:
     bench.clock.now += 0.002
     bench.line.tick()
     assert not bench.status.ready
-    assert bench.status.error_code is LineErrorCode.COMMUNICATION_LOST
+    assert bench.status.error_code is ErrorCode.COMMUNICATION_LOST
 
 
 def test_preparation_is_forgotten_after_300_s(bench: Bench) -> None:

@@ -11,17 +11,11 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, InputError, LineError, LineTimeoutError
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase
-from station.line.interface import StationLine
-from station.line.messages import (
+from station.cycle.words import (
     Abort,
     Acknowledge,
-    Answer,
     AxleAnswer,
-    CommandCode,
-    LineErrorCode,
+    ErrorCode,
     Outcome,
     Reset,
     StationState,
@@ -30,6 +24,11 @@ from station.line.messages import (
     VehicleAnswer,
     WheelAnswer,
 )
+from station.line.bus import LineBus, open_bus
+from station.line.channel import BusSettings
+from station.line.dbc import LineDatabase
+from station.line.interface import StationLine
+from station.line.messages import Answer, CommandCode
 from station.line.monitor import decode_log, trace_cycles
 from station.line.orders import PlcOrder, PlcTimeouts
 from station.line.plc import PlcSimulator, run_plc
@@ -241,7 +240,7 @@ def test_done_that_does_not_end(station: SmallStation, plc_bus: LineBus, databas
 
 
 def test_refused_vehicle_type(station: SmallStation, plc: PlcSimulator) -> None:
-    station.on_trigger = lambda t: station.line.refuse(t.sequence, LineErrorCode.UNKNOWN_VEHICLE_TYPE)
+    station.on_trigger = lambda t: station.line.refuse(t.sequence, ErrorCode.UNKNOWN_VEHICLE_TYPE)
     plc.reset()
     with pytest.raises(LineError, match="refused at sequence 2: unknown_vehicle_type"):
         plc.run(PlcOrder(VIN, 999))
@@ -255,7 +254,7 @@ def test_refused_vin(station: SmallStation, plc: PlcSimulator) -> None:
 
 
 def test_fault_is_a_fault_and_a_reset_cures_it(station: SmallStation, plc: PlcSimulator) -> None:
-    fault = StationStatus(StationState.FAULT, LineErrorCode.CAMERA_FAULT)
+    fault = StationStatus(StationState.FAULT, ErrorCode.CAMERA_FAULT)
     station.on_trigger = lambda trigger: station.line.publish(fault)
     plc.reset()
     with pytest.raises(LineError, match="reports a fault at sequence 2: camera_fault"):

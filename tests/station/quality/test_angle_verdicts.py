@@ -31,11 +31,11 @@ from db.records import (
 )
 from db.store import ResultStore
 from station.configuration.vehicle_types import VehicleType
-from station.evaluation import Evaluation, evaluate
+from station.cycle.answers import axle_records, vehicle_record, wheel_records
+from station.cycle.judging import Evaluation, evaluate
+from station.cycle.positions import WheelResult, fault
+from station.cycle.verdict import Status
 from station.quality.selection import newest_vin
-from station.records import axle_records, vehicle_record, wheel_records
-from station.verdict import Status
-from station.wheels import WheelResult, fault
 from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
 from tests.station.bench import WHEELS, measurement
 

@@ -8,8 +8,9 @@ from random import Random
 
 import pytest
 
+from station.cycle.words import ErrorCode, StationState
 from station.line.dbc import LineDatabase, load_line_database
-from station.line.messages import HandshakeState, LineErrorCode, LineStatus, StationState
+from station.line.messages import HandshakeState, LineStatus
 from station.rehearsal.endurance import run_endurance
 from station.rehearsal.noise import KINDS, Noise, contradiction, run_noise
 from station.rehearsal.power_loss import PowerLossBench, open_power_loss
@@ -95,7 +96,7 @@ def test_every_kind_of_noise(database: LineDatabase) -> None:
 
 def status(ready: bool, busy: bool, done: bool, fault: bool) -> LineStatus:
     return LineStatus(
-        StationState.IDLE, 1, ready, busy, done, fault, 0, LineErrorCode.NONE, 0, HandshakeState.READY
+        StationState.IDLE, 1, ready, busy, done, fault, 0, ErrorCode.NONE, 0, HandshakeState.READY
     )
 
 

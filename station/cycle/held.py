@@ -13,8 +13,8 @@ from typing import Protocol
 from uuid import UUID, uuid5
 
 from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
-from station.line.messages import StationState
-from station.records import Standing
+from station.cycle.answers import Standing
+from station.cycle.words import StationState
 
 # Of each code the newest few: the last cycle's are among them.
 _NEWEST = 20

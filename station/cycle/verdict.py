@@ -12,8 +12,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from alignment.errors import DegenerateInputError
 from db.records import CycleOutcome, Verdict, missed_limit
+from station.configuration.limits import Limits
 
 
 class Status(enum.StrEnum):
@@ -34,20 +34,6 @@ class Status(enum.StrEnum):
     def verdict(self) -> Verdict:
         """The verdict as it is stored: OK, NOK, or none."""
         return {Status.OK: Verdict.OK, Status.NOK: Verdict.NOK}.get(self, Verdict.NONE)
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Lowest and highest accepted value, radians, both accepted themselves."""
-
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if not -math.inf < self.low < self.high < math.inf:
-            raise DegenerateInputError(
-                field="limits", expected="finite, low below high", seen=f"{self.low} to {self.high}"
-            )
 
 
 @dataclass(frozen=True)

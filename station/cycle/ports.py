@@ -15,11 +15,12 @@ from db.records import (
     StoredCycle,
     ZeroRecord,
 )
-from station.evaluation import Evaluation
-from station.line.messages import (
+from station.cycle.judging import Evaluation
+from station.cycle.positions import WheelResult
+from station.cycle.words import (
     AxleAnswer,
     Command,
-    LineErrorCode,
+    ErrorCode,
     LiveAngles,
     Outcome,
     StationState,
@@ -28,7 +29,6 @@ from station.line.messages import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.wheels import WheelResult
 
 
 class Line(Protocol):
@@ -66,7 +66,7 @@ class Line(Protocol):
         """Show angles of a wheel that is adjusted."""
         ...
 
-    def refuse(self, sequence: int, code: LineErrorCode) -> None:
+    def refuse(self, sequence: int, code: ErrorCode) -> None:
         """Decline a start or a preparation."""
         ...
 

@@ -2,7 +2,7 @@
 
 Whatever fails on the way, the cycle ends in a defined state with a record that says why; the line is told OK
 of a wheel only when its record is committed. Every wait is bounded, and what was given up and goes on all the
-same is remembered: a wheel keeps the station at fault, a commit is set right by `station.ledger`.
+same is remembered: a wheel keeps the station at fault, a commit is set right by `station.cycle.ledger`.
 """
 
 from __future__ import annotations
@@ -18,19 +18,33 @@ from uuid import UUID
 
 from alignment.errors import InputError, LineError, StoreError
 from db.records import CycleRecord, Severity, ZeroRecord
-from station.adjusting import Adjusting
-from station.calibration_images import CalibrationImages
-from station.coalesced import Coalesced
 from station.configuration.vehicle_types import VehicleType
-from station.cycle_record import cycle_record
-from station.evaluation import axle_of, evaluate
-from station.held import Closing, Held
-from station.ledger import Ledger
-from station.line.messages import (
+from station.cycle.adjusting import Adjusting
+from station.cycle.answers import Standing, answers_of
+from station.cycle.coalesced import Coalesced
+from station.cycle.held import Closing, Held
+from station.cycle.judging import axle_of, evaluate
+from station.cycle.ledger import Ledger
+from station.cycle.master_check import master_checks, unfit_master
+from station.cycle.plate_images import CalibrationImages
+from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
+from station.cycle.positions import (
+    ABORTED,
+    Failure,
+    WheelPosition,
+    WheelResult,
+    fault,
+    result_of,
+    utc_now,
+)
+from station.cycle.record import cycle_record
+from station.cycle.states import StateMachine
+from station.cycle.wheel_threads import WheelThreads
+from station.cycle.words import (
     Abort,
     Acknowledge,
     Command,
-    LineErrorCode,
+    ErrorCode,
     Mode,
     Outcome,
     Prepare,
@@ -40,21 +54,7 @@ from station.line.messages import (
     Stop,
     Trigger,
 )
-from station.master_check import master_checks, unfit_master
-from station.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.records import Standing, answers_of
-from station.states import StateMachine
 from station.threads.health import ThreadHealth, ThreadWatch, Watched
-from station.wheel_threads import WheelThreads
-from station.wheels import (
-    ABORTED,
-    Failure,
-    WheelPosition,
-    WheelResult,
-    fault,
-    result_of,
-    utc_now,
-)
 
 POLL_S = 0.02
 _LOG = logging.getLogger("truewheel.station")
@@ -112,7 +112,7 @@ class MeasuringCycle:
         self._clock = clock
         self._now = now
         self._machine = StateMachine(self._entered)
-        self._error = LineErrorCode.NONE
+        self._error = ErrorCode.NONE
         self._fault_wheel: str | None = None
         self._held: Held | None = None
         self._interruption: Command | None = None
@@ -166,7 +166,7 @@ class MeasuringCycle:
             while not stopping.is_set():
                 self.step(5 * POLL_S)
         except BaseException:
-            self._error = LineErrorCode.INTERNAL_FAULT
+            self._error = ErrorCode.INTERNAL_FAULT
             if self.state is StationState.FAULT:
                 self._entered(StationState.FAULT)
             else:
@@ -200,7 +200,7 @@ class MeasuringCycle:
             self._provoked.say((Severity.WARNING, str(code)), f"start {trigger} was refused")
             return None
         self._interruption = None
-        self._error, self._fault_wheel = LineErrorCode.NONE, None
+        self._error, self._fault_wheel = ErrorCode.NONE, None
         received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
         self._machine.enter(StationState.ARMED)
         if trigger.mode is Mode.CALIBRATE:
@@ -236,7 +236,7 @@ class MeasuringCycle:
             return report
         # Nobody will take over what nobody was told.
         if not self._ledger.end(cycle, trigger.sequence, Closing.DISCARDED):
-            self._error, after = LineErrorCode.STORE_FAULT, StationState.FAULT
+            self._error, after = ErrorCode.STORE_FAULT, StationState.FAULT
         self._machine.enter(after)
         if isinstance(self._interruption, Reset):
             self._recover()
@@ -250,9 +250,9 @@ class MeasuringCycle:
         answers, self._error, text = self._images.record(positions, trigger.sequence, self._now())
         self._machine.enter(StationState.EVALUATING)
         self._machine.enter(StationState.STORING)
-        self._note(Severity.INFO if self._error is LineErrorCode.NONE else Severity.ERROR, "images", text)
+        self._note(Severity.INFO if self._error is ErrorCode.NONE else Severity.ERROR, "images", text)
         self._machine.enter(StationState.REPORTING)
-        after = StationState.IDLE if self._error is LineErrorCode.NONE else StationState.FAULT
+        after = StationState.IDLE if self._error is ErrorCode.NONE else StationState.FAULT
         if self._poll(trigger) and isinstance(self._interruption, Reset):
             self._machine.enter(after)
             self._recover()
@@ -274,19 +274,19 @@ class MeasuringCycle:
         calls = {position.name: position.rig.arm for position in positions}
         return self._wheel_threads.each(calls, self._bounds.measure_s)
 
-    def _refusal(self, trigger: Trigger | Prepare) -> LineErrorCode | None:
+    def _refusal(self, trigger: Trigger | Prepare) -> ErrorCode | None:
         """Why this trigger cannot be served, if it cannot."""
         if self.state is not StationState.IDLE:
-            return LineErrorCode.RESET_REQUIRED
+            return ErrorCode.RESET_REQUIRED
         if trigger.mode is Mode.CALIBRATE:
             known = self._images is not None and set(trigger.wheels) <= set(self._positions)
-            return None if known else LineErrorCode.MODE_NOT_AVAILABLE
+            return None if known else ErrorCode.MODE_NOT_AVAILABLE
         kind = self._vehicle_types.get(trigger.vehicle_type)
         if kind is None:
-            return LineErrorCode.UNKNOWN_VEHICLE_TYPE
+            return ErrorCode.UNKNOWN_VEHICLE_TYPE
         if all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels):
             return None
-        return LineErrorCode.WHEEL_NOT_AVAILABLE
+        return ErrorCode.WHEEL_NOT_AVAILABLE
 
     def _measured(self, positions: Sequence[WheelPosition], trigger: Trigger) -> tuple[WheelResult, ...]:
         """Arm, shoot and measure; one result for each position, whatever happens."""
@@ -295,7 +295,7 @@ class MeasuringCycle:
             installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in positions]
             zeros = self._ledger.zeros(installed)
         except StoreError as error:
-            return tuple(p.failed(fault(LineErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
+            return tuple(p.failed(fault(ErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
         failures = self._arm(positions)
         results = {p.name: p.failed(failures[p.name]) for p in positions if p.name in failures}
         armed = [position for position in positions if position.name not in failures]
@@ -328,7 +328,7 @@ class MeasuringCycle:
                     break
                 stopping = self._stopping.is_set()
                 if not self._interrupt(command, trigger) and (stopping or self._clock() >= deadline):
-                    self._interruption = Abort(trigger.sequence, LineErrorCode.ADJUST_TIMEOUT)
+                    self._interruption = Abort(trigger.sequence, ErrorCode.ADJUST_TIMEOUT)
         if self._stopping.is_set():
             text = f"adjusting of start {trigger.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text)
@@ -360,7 +360,7 @@ class MeasuringCycle:
             self._note(Severity.WARNING, "no_master", why)
         committed_s = self._ledger.commit(record, checks)
         if committed_s is None:
-            self._error = LineErrorCode.STORE_FAULT
+            self._error = ErrorCode.STORE_FAULT
         return committed_s
 
     def _tell(self, record: CycleRecord, committed_s: float | None) -> tuple[Outcome | None, UUID]:
@@ -373,7 +373,7 @@ class MeasuringCycle:
         cycle = self._ledger.tell(record, standing, committed=committed_s is not None, why=why)
         if committed_s is not None and self._ledger.owes and not self._ledger.settle():
             # After a restart the cycle alone would be believed.
-            self._error = LineErrorCode.STORE_FAULT
+            self._error = ErrorCode.STORE_FAULT
         if isinstance(self._interruption, Reset):
             # The line forgot this vehicle; its number may be in use again.
             return None, cycle
@@ -383,7 +383,7 @@ class MeasuringCycle:
         except (LineError, InputError) as error:
             _LOG.error("results of cycle %s were not sent: %s", record.uuid, error)
             self._note(Severity.ERROR, "not_reported", f"cycle {record.uuid}: {error}")
-            self._error = LineErrorCode.LINE_FAULT
+            self._error = ErrorCode.LINE_FAULT
             if standing is Standing.COMMITTED:
                 why = f"its results were not sent: {error}"
                 cycle = self._ledger.tell(record, Standing.NOT_COMMITTED, committed=True, why=why)
@@ -417,7 +417,7 @@ class MeasuringCycle:
                 return
         self._note(
             Severity.WARNING,
-            str(LineErrorCode.NOT_ACKNOWLEDGED),
+            str(ErrorCode.NOT_ACKNOWLEDGED),
             f"results of start {sequence} were not acknowledged within {self._bounds.acknowledge_s:g} s and "
             "are held",
         )
@@ -429,7 +429,7 @@ class MeasuringCycle:
         after = held.after
         stored = held.cycle is None or self._ledger.end(held.cycle, held.sequence, how)
         if not stored and after is not StationState.FAULT:
-            self._error, self._fault_wheel, after = LineErrorCode.STORE_FAULT, None, StationState.FAULT
+            self._error, self._fault_wheel, after = ErrorCode.STORE_FAULT, None, StationState.FAULT
         self._machine.enter(after)
 
     def _needs_reset(self, report: CycleReport) -> bool:
@@ -445,7 +445,7 @@ class MeasuringCycle:
     def _drain(self) -> None:
         """After an abort, wait for the wheels that were left behind: their cameras are still in use."""
         if self._interruption is not None and not self._wheel_threads.drain(self._bounds.measure_s):
-            self._error = LineErrorCode.CYCLE_TIMEOUT
+            self._error = ErrorCode.CYCLE_TIMEOUT
 
     def _recover(self) -> None:
         """Leave the fault if what failed is back; held results are given up."""
@@ -456,16 +456,16 @@ class MeasuringCycle:
             return
         if self._wheel_threads.left:
             # Their cameras are in use, and are not to be touched from here.
-            self._error = LineErrorCode.CYCLE_TIMEOUT
+            self._error = ErrorCode.CYCLE_TIMEOUT
         elif failures := self._wheel_threads.each(
             {position.name: position.rig.connect for position in self._positions.values()},
             self._bounds.measure_s,
         ):
-            self._error = LineErrorCode.CAMERA_FAULT
+            self._error = ErrorCode.CAMERA_FAULT
             text = "; ".join(failure.text for failure in failures.values())
             self._provoked.say((Severity.ERROR, str(self._error)), text)
         elif not (self._ledger.settle() and self._note(Severity.INFO, "reset", "the line reset the station")):
-            self._error = LineErrorCode.STORE_FAULT
+            self._error = ErrorCode.STORE_FAULT
         else:
             self._machine.enter(StationState.IDLE)
             return
@@ -485,7 +485,7 @@ class MeasuringCycle:
 
     def _entered(self, state: StationState) -> None:
         if state is StationState.IDLE:
-            self._error, self._fault_wheel = LineErrorCode.NONE, None
+            self._error, self._fault_wheel = ErrorCode.NONE, None
         self._line.publish(StationStatus(state, self._error, self._fault_wheel))
         self._observer.entered(state)
 

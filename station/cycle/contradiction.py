@@ -10,11 +10,11 @@ from dataclasses import replace
 from uuid import uuid4
 
 from db.records import CycleOutcome, CycleRecord, Verdict, WheelOutcome, WheelRecord
-from station.line.messages import LineErrorCode
-from station.records import Standing
+from station.cycle.answers import Standing
+from station.cycle.words import ErrorCode
 
 _TOLD = {
-    Standing.NOT_COMMITTED: (CycleOutcome.FAULT, str(LineErrorCode.STORE_FAULT)),
+    Standing.NOT_COMMITTED: (CycleOutcome.FAULT, str(ErrorCode.STORE_FAULT)),
     Standing.ABORTED: (CycleOutcome.ABORTED, "aborted"),
 }
 

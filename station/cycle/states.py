@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from alignment.errors import TruewheelError
-from station.line.messages import StationState
+from station.cycle.words import StationState
 
 # Every state but FAULT may end in FAULT: by a failure of the station, or by a mistake in the program.
 TRANSITIONS: dict[StationState, frozenset[StationState]] = {

@@ -12,9 +12,9 @@ from concurrent.futures import Future, wait
 from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import TruewheelError
-from station.line.messages import LineErrorCode
+from station.cycle.positions import Failure, fault
+from station.cycle.words import ErrorCode
 from station.threads.worker import Worker, WorkerError
-from station.wheels import Failure, fault
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -57,12 +57,12 @@ class WheelThreads:
         for future, rig in futures.items():
             if future in late:
                 text = f"{rig}: its cameras did not answer within {timeout_s:g} s"
-                failures[rig] = fault(LineErrorCode.CAMERA_FAULT, text)
+                failures[rig] = fault(ErrorCode.CAMERA_FAULT, text)
             elif isinstance(error := future.exception(), TruewheelError):
-                failures[rig] = fault(LineErrorCode.CAMERA_FAULT, str(error))
+                failures[rig] = fault(ErrorCode.CAMERA_FAULT, str(error))
             elif error is not None:
                 # A mistake in the program must become a fault that the line is told of.
-                failures[rig] = fault(LineErrorCode.INTERNAL_FAULT, f"{rig}: {type(error).__name__}: {error}")
+                failures[rig] = fault(ErrorCode.INTERNAL_FAULT, f"{rig}: {type(error).__name__}: {error}")
         return failures
 
     def leave(self, futures: Iterable[Future[Any]]) -> None:

@@ -11,11 +11,11 @@ from typing import Protocol, Self
 from alignment.errors import TruewheelError
 from db.records import ZeroRecord
 from station.configuration.vehicle_types import VehicleType
-from station.evaluation import evaluate
-from station.line.messages import LineErrorCode, LiveAngles, LiveState
-from station.verdict import Status, combined
-from station.wheel_threads import WheelThreads
-from station.wheels import WheelPosition, WheelResult, fault
+from station.cycle.judging import evaluate
+from station.cycle.positions import WheelPosition, WheelResult, fault
+from station.cycle.verdict import Status, combined
+from station.cycle.wheel_threads import WheelThreads
+from station.cycle.words import ErrorCode, LiveAngles, LiveState
 
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
 
@@ -112,7 +112,7 @@ class Adjusting:
         except Exception as error:  # noqa: BLE001
             # A mistake in the program must not end the adjusting, nor the station.
             text = f"{position.name}: {type(error).__name__}: {error}"
-            return position.failed(fault(LineErrorCode.INTERNAL_FAULT, text)), self._clock()
+            return position.failed(fault(ErrorCode.INTERNAL_FAULT, text)), self._clock()
 
     def _measure(self, position: WheelPosition) -> tuple[WheelResult, float]:
         # The angles are as old as the moment before the exposure, at most.
@@ -121,7 +121,7 @@ class Adjusting:
             position.rig.arm()
             return position.run(self._zeros), started_s
         except TruewheelError as error:
-            return position.failed(fault(LineErrorCode.CAMERA_FAULT, str(error))), started_s
+            return position.failed(fault(ErrorCode.CAMERA_FAULT, str(error))), started_s
 
     def _live(self, result: WheelResult) -> LiveAngles:
         shot = self._shots[result.wheel]

@@ -17,10 +17,10 @@ from pathlib import Path
 
 from alignment.errors import TruewheelError
 from sensors.formats.shot import write_shot
-from station.line.messages import LineErrorCode, Outcome, WheelAnswer
-from station.ports import Bounds
-from station.wheel_threads import WheelThreads
-from station.wheels import WheelPosition
+from station.cycle.ports import Bounds
+from station.cycle.positions import WheelPosition
+from station.cycle.wheel_threads import WheelThreads
+from station.cycle.words import ErrorCode, Outcome, WheelAnswer
 
 
 class CalibrationImages:
@@ -43,7 +43,7 @@ class CalibrationImages:
 
     def record(
         self, positions: Sequence[WheelPosition], sequence: int, now: datetime
-    ) -> tuple[tuple[WheelAnswer, ...], LineErrorCode, str]:
+    ) -> tuple[tuple[WheelAnswer, ...], ErrorCode, str]:
         """Shoot and write; the answers, the error code of the first failure, and what to put down of it."""
         start = _Start(self._folder / f"{now:%Y-%m-%dT%H-%M-%S}-{sequence:03d}")
         folder = start.folder
@@ -58,14 +58,14 @@ class CalibrationImages:
             if future not in late and (failure := _failure(future, position)) is not None
         ]
         failures += [
-            (LineErrorCode.CYCLE_TIMEOUT, futures[future].name, "its images took too long") for future in late
+            (ErrorCode.CYCLE_TIMEOUT, futures[future].name, "its images took too long") for future in late
         ]
         failed = {wheel for _, wheel, _ in failures}
         answers = tuple(
             WheelAnswer(p.name, Outcome.FAULT if p.name in failed else Outcome.RECORDED) for p in positions
         )
         text = "; ".join(f"{wheel}: {reason}" for _, wheel, reason in failures)
-        code = failures[0][0] if failures else LineErrorCode.NONE
+        code = failures[0][0] if failures else ErrorCode.NONE
         return answers, code, f"images of {len(positions) - len(failed)} rigs in {folder}. {text}".strip()
 
     def _one(self, position: WheelPosition, start: _Start) -> None:
@@ -103,12 +103,12 @@ class _Start:
             return frozenset(self._kept)
 
 
-def _failure(future: Future[None], position: WheelPosition) -> tuple[LineErrorCode, str, str] | None:
+def _failure(future: Future[None], position: WheelPosition) -> tuple[ErrorCode, str, str] | None:
     error = future.exception()
     if error is None:
         return None
     if isinstance(error, TruewheelError) and not isinstance(error, ValueError):
-        return LineErrorCode.CAMERA_FAULT, position.name, str(error)
+        return ErrorCode.CAMERA_FAULT, position.name, str(error)
     if isinstance(error, (OSError, TruewheelError)):
-        return LineErrorCode.STORE_FAULT, position.name, str(error)
-    return LineErrorCode.INTERNAL_FAULT, position.name, f"{type(error).__name__}: {error}"
+        return ErrorCode.STORE_FAULT, position.name, str(error)
+    return ErrorCode.INTERNAL_FAULT, position.name, f"{type(error).__name__}: {error}"

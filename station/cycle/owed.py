@@ -8,7 +8,7 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass
 
 from alignment.errors import InputError, StoreUnavailableError
-from station.store_thread import StoreThread
+from station.cycle.store_thread import StoreThread
 from station.threads.worker import WorkerError
 
 # Between two attempts that nobody waits for.

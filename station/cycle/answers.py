@@ -15,9 +15,9 @@ from db.records import (
     WheelOutcome,
     WheelRecord,
 )
-from station.evaluation import SIDES, Evaluation, JudgedWheel, axle_of
-from station.line.messages import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
-from station.verdict import Angle, combined
+from station.cycle.judging import SIDES, Evaluation, JudgedWheel, axle_of
+from station.cycle.verdict import Angle, combined
+from station.cycle.words import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
 
 # Ends the method of a wheel that was measured with one head lost.
 _DEGRADED = "/degraded"

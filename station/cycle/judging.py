@@ -13,8 +13,8 @@ from alignment.vehicle.axles import (
     vehicle_angles,
 )
 from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.verdict import Angle
-from station.wheels import Failure, WheelResult
+from station.cycle.positions import Failure, WheelResult
+from station.cycle.verdict import Angle
 
 SIDES = ("left", "right")
 

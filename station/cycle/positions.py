@@ -22,7 +22,7 @@ from alignment.values import (
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats.shot import check_shot_matches
 from sensors.shot import WheelShot
-from station.line.messages import LineErrorCode
+from station.cycle.words import ErrorCode
 from station.zero import correction_of
 
 MeasureFunction = Callable[
@@ -105,23 +105,23 @@ class Failure:
     """
 
     outcome: WheelOutcome
-    error_code: LineErrorCode
+    error_code: ErrorCode
     reason_code: str
     text: str
 
     @property
     def needs_reset(self) -> bool:
         """Whether somebody must look at the station before the next cycle, unlike after a refused wheel."""
-        return self.outcome is WheelOutcome.FAULT and self.error_code is not LineErrorCode.NONE
+        return self.outcome is WheelOutcome.FAULT and self.error_code is not ErrorCode.NONE
 
 
-def fault(error_code: LineErrorCode, text: str) -> Failure:
+def fault(error_code: ErrorCode, text: str) -> Failure:
     """Return the failure of a station part."""
     return Failure(WheelOutcome.FAULT, error_code, str(error_code), text)
 
 
 ABORTED = Failure(
-    WheelOutcome.FAULT, LineErrorCode.NONE, "aborted", "the cycle was aborted before this wheel was measured"
+    WheelOutcome.FAULT, ErrorCode.NONE, "aborted", "the cycle was aborted before this wheel was measured"
 )
 
 
@@ -204,7 +204,7 @@ class WheelPosition:
     def late(self, bound_s: float) -> WheelResult:
         """Return the result of this wheel when its images and angles did not come within the bound."""
         text = f"{self.name}: expected images and angles within {bound_s:g} s"
-        return self.failed(fault(LineErrorCode.CYCLE_TIMEOUT, text))
+        return self.failed(fault(ErrorCode.CYCLE_TIMEOUT, text))
 
     def run(self, zeros: Sequence[ZeroRecord] = ()) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
@@ -216,7 +216,7 @@ class WheelPosition:
         if not self.in_force.valid_at(self._now()):
             return self.failed(
                 fault(
-                    LineErrorCode.CALIBRATION_FAULT,
+                    ErrorCode.CALIBRATION_FAULT,
                     f"{self.name}: calibration {calibration.id} is valid from "
                     f"{self.in_force.created_utc:%Y-%m-%d} to {self.in_force.valid_until_utc:%Y-%m-%d}; "
                     "calibrate the rig",
@@ -225,11 +225,11 @@ class WheelPosition:
         try:
             shot = self.last_shot = self.rig.shoot(self._shoot_timeout_s)
         except TruewheelError as error:
-            return self.failed(fault(LineErrorCode.CAMERA_FAULT, str(error)))
+            return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         try:
             check_shot_matches(shot, calibration)
         except TruewheelError as error:
-            return self.failed(fault(LineErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
+            return self.failed(fault(ErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
         started = self._clock()
         found = self._measure(shot.images, calibration, self._settings)
         zero = self._zero(zeros)
@@ -257,7 +257,7 @@ class WheelPosition:
         if isinstance(found, Refusal):
             return None, Failure(
                 WheelOutcome.REFUSED,
-                LineErrorCode.MEASUREMENT_REFUSED,
+                ErrorCode.MEASUREMENT_REFUSED,
                 str(found.code),
                 f"{self.name}: {found.reason}",
             )
@@ -265,7 +265,7 @@ class WheelPosition:
         finite = all(map(math.isfinite, (found.camber, found.toe, *uncertainties)))
         if not finite or min(uncertainties) <= 0:
             return None, fault(
-                LineErrorCode.INTERNAL_FAULT,
+                ErrorCode.INTERNAL_FAULT,
                 f"{self.name}: expected finite angles with uncertainties above 0 from the measurement, "
                 f"found camber {found.camber}, toe {found.toe}, uncertainties {uncertainties}; "
                 "report this as a defect",
@@ -274,7 +274,7 @@ class WheelPosition:
         if expanded > LARGEST_UNCERTAINTY:
             return None, Failure(
                 WheelOutcome.REFUSED,
-                LineErrorCode.MEASUREMENT_REFUSED,
+                ErrorCode.MEASUREMENT_REFUSED,
                 "too_uncertain",
                 f"{self.name}: expected an expanded uncertainty of at most "
                 f"{math.degrees(LARGEST_UNCERTAINTY):g}°, found {math.degrees(expanded):.2f}°; clean the "
@@ -291,5 +291,5 @@ def result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResu
         # A mistake in the program must become a fault that the line is told of, not a silent line.
         _LOG.exception("%s failed", position.name)
         return position.failed(
-            fault(LineErrorCode.INTERNAL_FAULT, f"{position.name}: {type(error).__name__}: {error}")
+            fault(ErrorCode.INTERNAL_FAULT, f"{position.name}: {type(error).__name__}: {error}")
         )

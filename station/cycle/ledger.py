@@ -19,12 +19,12 @@ from db.records import (
     Severity,
     ZeroRecord,
 )
-from station.contradiction import as_told, contradicts
-from station.held import Closing, closing_id, closing_text, unacknowledged
-from station.owed import Owed
-from station.ports import Identity, Store
-from station.records import Standing
-from station.store_thread import StoreThread
+from station.cycle.answers import Standing
+from station.cycle.contradiction import as_told, contradicts
+from station.cycle.held import Closing, closing_id, closing_text, unacknowledged
+from station.cycle.owed import Owed
+from station.cycle.ports import Identity, Store
+from station.cycle.store_thread import StoreThread
 from station.threads.worker import Worker
 
 _LOG = logging.getLogger("truewheel.station")

@@ -7,11 +7,11 @@ from uuid import uuid4
 
 from db.records import CycleOutcome, CycleRecord, VehicleRecord
 from station.configuration.vehicle_types import VehicleType
-from station.evaluation import Evaluation
-from station.line.messages import Abort, Command, LineErrorCode, Trigger
-from station.ports import Identity
-from station.records import axle_records, last_measured, vehicle_record, wheel_records
-from station.verdict import cycle_outcome
+from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
+from station.cycle.judging import Evaluation
+from station.cycle.ports import Identity
+from station.cycle.verdict import cycle_outcome
+from station.cycle.words import Abort, Command, ErrorCode, Trigger
 
 
 def cycle_record(
@@ -23,7 +23,7 @@ def cycle_record(
     *,
     received_utc: datetime,
     measured_s: float,
-) -> tuple[CycleRecord, LineErrorCode, str | None]:
+) -> tuple[CycleRecord, ErrorCode, str | None]:
     """Return the record, the error code that the line is told of the cycle, and the wheel it is about.
 
     Parameters
@@ -42,7 +42,7 @@ def cycle_record(
     # A part of the station that failed says more than a wheel that was refused.
     failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
     outcome = cycle_outcome(evaluation.angles, fault=bool(failures), aborted=interruption is not None)
-    error, wheel = LineErrorCode.NONE, None
+    error, wheel = ErrorCode.NONE, None
     code: str | None = None
     text: str | None = None
     if failures:
@@ -50,11 +50,11 @@ def cycle_record(
         text = "; ".join(failure.text for failure in failures)
         wheel = next(w.result.wheel for w in evaluation.wheels if w.result.failure is failures[0])
     elif outcome is CycleOutcome.FAULT:
-        error = LineErrorCode.CALIBRATION_FAULT
+        error = ErrorCode.CALIBRATION_FAULT
         code, text = str(error), "an angle has no valid calibration behind it"
     if outcome is CycleOutcome.ABORTED:
         code, text = "aborted", f"the line sent {interruption}"
-        if isinstance(interruption, Abort) and interruption.reason is not LineErrorCode.NONE:
+        if isinstance(interruption, Abort) and interruption.reason is not ErrorCode.NONE:
             error = interruption.reason
             text = f"the cycle was ended: {error}"
     measured_utc = last_measured(evaluation)

@@ -1,0 +1,1 @@
+"""From trigger to answer: the measuring cycle and its words."""
