@@ -34,11 +34,11 @@ from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, Identity, Observer
 from station.cycle.positions import CalibrationInForce, WheelPosition, utc_now
 from station.cycle.words import ErrorCode, Mode, StationState, StationStatus
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
-from station.line.options import LineOptions
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.options import LineOptions
 from station.storing import describe_station, open_archive, open_store
 from station.warm_up.needs import Work
 from station.warm_up.prepare import warm_up

@@ -25,11 +25,11 @@ from station.cycle.ports import CycleReport, Observer
 from station.cycle.positions import WheelResult
 from station.cycle.verdict import combined
 from station.cycle.words import Outcome
-from station.line.bus import open_bus
-from station.line.channel import BusSettings
-from station.line.monitor import decode_log, trace_cycles
-from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc import PlcSimulator
+from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.tools.monitor import decode_log, trace_cycles
+from station.line.wire.bus import open_bus
+from station.line.wire.channel import BusSettings
 from station.simulated import PoseDrawer, SimulatedRig, angles_about
 
 # A screen behind other work may be slow; a real line would not wait so long.

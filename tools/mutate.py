@@ -32,10 +32,10 @@ PRELOADED = (
     "pytest",
     "alignment.errors",
     "db.records.results",
-    "station.line.messages",
-    "station.line.bus",
-    "station.line.dbc",
-    "station.line.link",
+    "station.line.wire.messages",
+    "station.line.wire.bus",
+    "station.line.wire.dbc",
+    "station.line.wire.link",
 )
 TIMEOUT_S = 120
 # By module and mutant: why no caller can tell it from the original.

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     import can
 
     from station.configuration.settings import Configuration
-    from station.line.channel import BusSettings
-    from station.line.dbc import LineDatabase
-    from station.line.orders import PlcOrder, PlcResult
-    from station.line.trial import Trial, Vehicles, Verdict
+    from station.line.plc.orders import PlcOrder, PlcResult
+    from station.line.tools.trial import Trial, Vehicles, Verdict
+    from station.line.wire.channel import BusSettings
+    from station.line.wire.dbc import LineDatabase
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
 
@@ -64,9 +64,9 @@ def plc(
     Exit status 1 unless all vehicles are ok, or all scenarios are answered as they must be.
     """
     from alignment.errors import ConfigurationError
-    from station.line.orders import PlcOrder
-    from station.line.scenarios import play_scenarios, read_scenarios
-    from station.line.vin import checked_vin
+    from station.line.plc.orders import PlcOrder
+    from station.line.tools.scenarios import play_scenarios, read_scenarios
+    from station.line.wire.vin import checked_vin
 
     if (vin is None) == (scenario is None):
         raise ConfigurationError(
@@ -111,9 +111,9 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Try out on a station everything that the line interface demands; exit status 1 unless all is passed."""
-    from station.line.conformance import check_station
-    from station.line.trial import Vehicles
-    from station.line.vin import checked_vin
+    from station.line.tools.conformance import check_station
+    from station.line.tools.trial import Vehicles
+    from station.line.wire.vin import checked_vin
 
     vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s)
     configuration = _read(config)
@@ -146,8 +146,8 @@ def monitor(
     as_json: JsonFlag = False,
 ) -> None:
     """Show traffic decoded by the DBC, live or from a log; exit status 1 when a frame was in error."""
-    from station.line.bus import open_bus
-    from station.line.monitor import decoded, live_frames, read_log, recorded
+    from station.line.tools.monitor import decoded, live_frames, read_log, recorded
+    from station.line.wire.bus import open_bus
 
     configuration = _read(config)
     database = _database(configuration)
@@ -179,7 +179,7 @@ def cable(as_json: JsonFlag = False) -> None:
     import threading
 
     from station.app import stop_on_signals
-    from station.line.cable import SLCAN_OPTIONS, Cable
+    from station.line.tools.cable import SLCAN_OPTIONS, Cable
 
     stopping = threading.Event()
     with stop_on_signals(stopping), Cable() as opened:
@@ -196,7 +196,7 @@ def document(
     config: ConfigOption = None,
 ) -> None:
     """Write the description of the line interface, from the DBC and the program's own tables."""
-    from station.line.document import interface_document
+    from station.line.tools.document import interface_document
 
     out.write_text(interface_document(_database(_read(config))), encoding="utf-8")
     typer.echo(f"wrote {out}")
@@ -209,14 +209,14 @@ def _read(config: Path | None) -> Configuration:
 
 
 def _database(configuration: Configuration) -> LineDatabase:
-    from station.line.dbc import load_line_database
+    from station.line.wire.dbc import load_line_database
 
     return load_line_database(configuration.path(configuration.settings.line.dbc))
 
 
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
-    from station.line.cable import SLCAN_OPTIONS
-    from station.line.channel import BusSettings
+    from station.line.tools.cable import SLCAN_OPTIONS
+    from station.line.wire.channel import BusSettings
 
     line = configuration.settings.line
     settings = BusSettings(line.interface, line.channel, line.bitrate, options=line.options)
@@ -241,10 +241,10 @@ def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> 
 
 @contextmanager
 def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) -> Iterator[Trial]:
-    from station.line.bus import open_bus
-    from station.line.orders import PlcTimeouts
-    from station.line.plc import PlcSimulator
-    from station.line.trial import Trial
+    from station.line.plc.orders import PlcTimeouts
+    from station.line.plc.simulator import PlcSimulator
+    from station.line.tools.trial import Trial
+    from station.line.wire.bus import open_bus
 
     timeouts = PlcTimeouts(done_s=vehicles.patience_s)
     with open_bus(settings) as bus, PlcSimulator(bus, database, timeouts=timeouts) as simulator:
@@ -256,7 +256,7 @@ def _order_vehicles(
     settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], as_json: bool
 ) -> None:
     from station.cycle.words import Outcome
-    from station.line.plc import run_plc
+    from station.line.plc.simulator import run_plc
 
     results = []
     for result in run_plc(settings, database.file, orders):

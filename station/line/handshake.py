@@ -2,7 +2,7 @@
 
 Nothing here knows a bus, a thread or a clock. `Handshake` is asked with each command that arrives and told
 of each event on the station's side; it answers, changes its state by the table, and hands over what the
-measuring cycle must learn. The documents draw the table (`station.line.document`).
+measuring cycle must learn. The documents draw the table (`station.line.tools.document`).
 
 A command is answered once: the same command with the same number is a repetition and gets the same answer.
 Only a refusal that passes by itself (`Rule.again`) is looked at again while the command stands.
@@ -24,7 +24,7 @@ from station.cycle.words import (
     Stop,
     Trigger,
 )
-from station.line.messages import Answer, CommandCode, HandshakeState
+from station.line.wire.messages import Answer, CommandCode, HandshakeState
 
 
 class Request(enum.StrEnum):

@@ -42,15 +42,15 @@ from station.cycle.words import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value
 from station.line.handshake import Asked, Event, Handshake
-from station.line.link import ProtectedLink
-from station.line.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
-from station.line.options import DEFAULT_OPTIONS, LineHealth, LineOptions
-from station.line.results import blank_frames, live_frame, result_frames
-from station.line.status import answer_frame, detail_frame, info_frame, status_frame
-from station.line.vin import VinAssembly, VinState
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.link import ProtectedLink
+from station.line.wire.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
+from station.line.wire.options import DEFAULT_OPTIONS, LineHealth, LineOptions
+from station.line.wire.results import blank_frames, live_frame, result_frames
+from station.line.wire.status import answer_frame, detail_frame, info_frame, status_frame
+from station.line.wire.vin import VinAssembly, VinState
 from station.threads.supervised import SupervisedThread
 
 STATUS_PERIOD_S = 0.1

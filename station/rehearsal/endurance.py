@@ -10,11 +10,11 @@ import numpy as np
 
 from db.store import ResultStore
 from station.cycle.words import Outcome
-from station.line.bus import open_bus
-from station.line.cable import Cable
-from station.line.dbc import load_line_database
-from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc import PlcSimulator
+from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.tools.cable import Cable
+from station.line.wire.bus import open_bus
+from station.line.wire.dbc import load_line_database
 from station.rehearsal.prepared import prepared_angles_deg
 from station.rehearsal.processes import RehearsalProcess, read_lines, rss_mb
 from station.rehearsal.station_process import StationOrder

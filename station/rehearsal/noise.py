@@ -25,14 +25,14 @@ from db.records import CycleOutcome
 from db.store import ResultStore
 from station.cycle.ports import CycleReport, Observer
 from station.cycle.words import Outcome
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.messages import LineStatus
-from station.line.options import LineHealth, LineOptions
-from station.line.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc import PlcSimulator
-from station.line.status import read_status
+from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.messages import LineStatus
+from station.line.wire.options import LineHealth, LineOptions
+from station.line.wire.status import read_status
 from station.rehearsal.prepared import open_rehearsal
 
 KINDS = ("random", "flipped", "replayed", "length", "strange", "foreign")

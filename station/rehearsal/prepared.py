@@ -32,10 +32,10 @@ from station.configuration.vehicle_types import VehicleType
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, Identity, Line, Observer, Store
 from station.cycle.positions import CalibrationInForce, WheelPosition, WheelResult, utc_now
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
-from station.line.options import DEFAULT_OPTIONS, LineOptions
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.options import DEFAULT_OPTIONS, LineOptions
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STATION = "rehearsal"

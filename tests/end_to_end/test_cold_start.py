@@ -27,12 +27,12 @@ from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
 from station.cycle.words import ErrorCode, Outcome
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.messages import Answer, CommandCode, HandshakeState
-from station.line.orders import PlcOrder, PlcTimeouts
-from station.line.plc import PlcSimulator
+from station.line.plc.orders import PlcOrder, PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.messages import Answer, CommandCode, HandshakeState
 from station.warm_up.needs import Work
 from station.warm_up.prepare import StoppedError
 from tests.end_to_end.conftest import Truewheel

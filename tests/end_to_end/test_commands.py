@@ -20,12 +20,12 @@ from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
 from station.cycle.words import Outcome
-from station.line.bus import open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import load_line_database
-from station.line.monitor import decode_log, trace_cycles
-from station.line.orders import PlcOrder, PlcTimeouts
-from station.line.plc import run_plc
+from station.line.plc.orders import PlcOrder, PlcTimeouts
+from station.line.plc.simulator import run_plc
+from station.line.tools.monitor import decode_log, trace_cycles
+from station.line.wire.bus import open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import load_line_database
 from tests.assertions import assert_angle_within
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
 

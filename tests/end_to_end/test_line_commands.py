@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from station.line.cable import Cable
+from station.line.tools.cable import Cable
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 
 CONFIG = ("--config", CONFIGS / "station.toml")
@@ -48,7 +48,7 @@ def test_bad_input_is_one_clear_sentence(
 
 
 def test_busy_channel_is_one_clear_sentence(truewheel: Truewheel) -> None:
-    from station.line.bus import open_bus
+    from station.line.wire.bus import open_bus
 
     with Cable() as cable, open_bus(cable.settings(0)):
         arguments = ("--interface", "slcan", "--channel", cable.ends[0])

@@ -22,8 +22,8 @@ from station.cycle.positions import Failure, WheelResult, fault
 from station.cycle.record import cycle_record
 from station.cycle.verdict import Status
 from station.cycle.words import ErrorCode, Mode, Outcome, Quality, Trigger
-from station.line.dbc import LineDatabase, Value, load_line_database
-from station.line.results import result_frames
+from station.line.wire.dbc import LineDatabase, Value, load_line_database
+from station.line.wire.results import result_frames
 from tests.station.bench import AXLE, KIND, TODAY, TOLERANCE, VIN, WHEELS, measurement
 from tests.station.line.line_bench import DBC
 

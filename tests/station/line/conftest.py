@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase, load_line_database
 from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
 
 _channels = (f"test-{number}" for number in itertools.count())

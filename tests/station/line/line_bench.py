@@ -10,12 +10,12 @@ from pathlib import Path
 import can
 
 from station.cycle.words import Command, StationState, StationStatus
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value
 from station.line.interface import StationLine
-from station.line.messages import CommandAnswer, LineStatus
-from station.line.protection import Protector
-from station.line.status import read_answer, read_status
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.messages import CommandAnswer, LineStatus
+from station.line.wire.protection import Protector
+from station.line.wire.status import read_answer, read_status
 
 DBC = Path(__file__).resolve().parents[3] / "configs" / "line.dbc"
 VIN = "WVWZZZ1KZAW123456"

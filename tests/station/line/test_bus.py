@@ -10,11 +10,11 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, LineConnectionError, LineError
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase
-from station.line.monitor import decode_log
-from station.line.protection import Protector
+from station.line.tools.monitor import decode_log
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.protection import Protector
 from station.threads.supervised import SupervisedThread
 from tests.station.line.line_bench import WAIT_S, FakeCanBus, command_frame
 

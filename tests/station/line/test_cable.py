@@ -15,13 +15,13 @@ from can_remote import RemoteServer
 
 from alignment.errors import ConfigurationError
 from station.cycle.words import StationState, StationStatus
-from station.line.bus import LineBus, open_bus
-from station.line.cable import Cable
-from station.line.channel import BusSettings, Channel
-from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
-from station.line.orders import PlcTimeouts
-from station.line.plc import PlcSimulator
+from station.line.plc.orders import PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.tools.cable import Cable
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings, Channel
+from station.line.wire.dbc import LineDatabase
 from tests.station.line.line_bench import WAIT_S, FakeCanBus
 
 PATIENT = PlcTimeouts(connect_s=20.0, ready_s=WAIT_S, silence_s=2.0)

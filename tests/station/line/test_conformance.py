@@ -9,18 +9,18 @@ import pytest
 
 from alignment.errors import ConfigurationError
 from station.cycle.words import ErrorCode
-from station.line.bus import open_bus
-from station.line.conformance import POINTS, check_station, point_named, try_point
-from station.line.dbc import LineDatabase
-from station.line.document import interface_document
-from station.line.error_codes import MEANINGS
 from station.line.handshake import COMMANDS, Handshake, Rule
-from station.line.messages import HandshakeState
-from station.line.options import LineOptions
-from station.line.orders import PlcTimeouts
-from station.line.plc import PlcSimulator
-from station.line.scenarios import play_scenarios, read_scenarios
-from station.line.trial import Trial, Vehicles
+from station.line.plc.orders import PlcTimeouts
+from station.line.plc.simulator import PlcSimulator
+from station.line.tools.conformance import POINTS, check_station, point_named, try_point
+from station.line.tools.document import interface_document
+from station.line.tools.scenarios import play_scenarios, read_scenarios
+from station.line.tools.trial import Trial, Vehicles
+from station.line.wire.bus import open_bus
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.error_codes import MEANINGS
+from station.line.wire.messages import HandshakeState
+from station.line.wire.options import LineOptions
 from station.rehearsal.simulated import simulated_station
 
 ROOT = Path(__file__).resolve().parents[3]

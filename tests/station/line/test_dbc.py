@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError
 from station.cycle.words import ErrorCode, Trigger
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.error_codes import MEANINGS
 from station.line.interface import StationLine
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.error_codes import MEANINGS
 from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
 
 TEXT = DBC.read_text(encoding="cp1252")

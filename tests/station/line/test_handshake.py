@@ -21,8 +21,8 @@ from station.cycle.words import (
     Trigger,
 )
 from station.line.handshake import COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
-from station.line.messages import Answer, CommandCode
-from station.line.messages import HandshakeState as State
+from station.line.wire.messages import Answer, CommandCode
+from station.line.wire.messages import HandshakeState as State
 
 OWN, OTHER = 5, 6
 CODES = {

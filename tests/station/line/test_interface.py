@@ -26,11 +26,11 @@ from station.cycle.words import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, load_line_database
 from station.line.interface import StationLine
-from station.line.protection import Protector
-from station.line.vin import is_vin
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.protection import Protector
+from station.line.wire.vin import is_vin
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Bench, Clock, FakeCanBus, command_frame, vin_frame
 
 FOUR = ("front_left", "front_right", "rear_left", "rear_right")

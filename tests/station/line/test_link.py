@@ -22,15 +22,15 @@ from station.cycle.words import (
     Trigger,
     WheelAnswer,
 )
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase
-from station.line.link import ProtectedLink
-from station.line.messages import Answer, LineStatus, StationInfo
-from station.line.messages import HandshakeState as State
-from station.line.monitor import decode_frame
-from station.line.protection import Check, Guard, Protector
-from station.line.station_view import StationView
-from station.line.status import detail_frame, info_frame, status_frame
+from station.line.plc.station_view import StationView
+from station.line.tools.monitor import decode_frame
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.link import ProtectedLink
+from station.line.wire.messages import Answer, LineStatus, StationInfo
+from station.line.wire.messages import HandshakeState as State
+from station.line.wire.protection import Check, Guard, Protector
+from station.line.wire.status import detail_frame, info_frame, status_frame
 from tests.station.line.line_bench import VIN, Bench, Clock, FakeCanBus, command_frame
 
 IDLE = LineStatus(

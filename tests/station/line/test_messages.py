@@ -19,9 +19,9 @@ from station.cycle.words import (
     WheelAnswer,
     overall_outcome,
 )
-from station.line.dbc import LineDatabase, Value, load_line_database
-from station.line.messages import LineStatus
-from station.line.results import (
+from station.line.wire.dbc import LineDatabase, Value, load_line_database
+from station.line.wire.messages import LineStatus
+from station.line.wire.results import (
     axle_frames,
     read_axle,
     read_vehicle,
@@ -29,7 +29,7 @@ from station.line.results import (
     vehicle_frame,
     wheel_frames,
 )
-from station.line.status import read_status, status_frame
+from station.line.wire.status import read_status, status_frame
 from tests.station.line.line_bench import DBC
 
 DATABASE = load_line_database(DBC)

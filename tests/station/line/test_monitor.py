@@ -9,9 +9,9 @@ import can
 import pytest
 
 from alignment.errors import FormatError
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value
-from station.line.monitor import DecodedFrame, decode_frame, decode_log, recorded, trace_cycles, watch
+from station.line.tools.monitor import DecodedFrame, decode_frame, decode_log, recorded, trace_cycles, watch
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, Value
 from tests.station.line.line_bench import Clock, command_frame
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.protection import Guard, Protector, protect
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.protection import Guard, Protector, protect
 from tests.station.line.line_bench import DBC
 from tests.station.line.page import TEXT, PageCode, Receiver, Signal, messages, rows
 

@@ -28,11 +28,11 @@ from station.cycle.words import (
     Trigger,
     WheelAnswer,
 )
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value, load_line_database
 from station.line.handshake import Asked, Event, Handshake
 from station.line.interface import StationLine
-from station.line.messages import CommandCode, HandshakeState
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, Value, load_line_database
+from station.line.wire.messages import CommandCode, HandshakeState
 from tests.documents import snippets
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows

@@ -24,15 +24,15 @@ from station.cycle.words import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import LineDatabase
 from station.line.interface import StationLine
-from station.line.messages import Answer, CommandCode
-from station.line.monitor import decode_log, trace_cycles
-from station.line.orders import PlcOrder, PlcTimeouts
-from station.line.plc import PlcSimulator, run_plc
-from station.line.protection import protect
+from station.line.plc.orders import PlcOrder, PlcTimeouts
+from station.line.plc.simulator import PlcSimulator, run_plc
+from station.line.tools.monitor import decode_log, trace_cycles
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.messages import Answer, CommandCode
+from station.line.wire.protection import protect
 from tests.station.line.line_bench import DBC, VIN, WAIT_S
 
 PATIENT = PlcTimeouts(ready_s=WAIT_S, busy_s=WAIT_S, done_s=WAIT_S, acknowledged_s=WAIT_S, silence_s=WAIT_S)

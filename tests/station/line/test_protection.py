@@ -7,7 +7,7 @@ from e2e.crc import calculate_crc8
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.line.protection import Check, E2eParameters, Guard, Protector, protect
+from station.line.wire.protection import Check, E2eParameters, Guard, Protector, protect
 
 # The counter runs from 0 to 14.
 COUNTERS = 15

@@ -10,7 +10,7 @@ import threading
 import can
 import pytest
 
-from station.line.bus import LineBus
+from station.line.wire.bus import LineBus
 from tests.station.line.line_bench import WAIT_S, Bench, FakeCanBus
 
 

@@ -9,8 +9,8 @@ from random import Random
 import pytest
 
 from station.cycle.words import ErrorCode, StationState
-from station.line.dbc import LineDatabase, load_line_database
-from station.line.messages import HandshakeState, LineStatus
+from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.messages import HandshakeState, LineStatus
 from station.rehearsal.endurance import run_endurance
 from station.rehearsal.noise import KINDS, Noise, contradiction, run_noise
 from station.rehearsal.power_loss import PowerLossBench, open_power_loss

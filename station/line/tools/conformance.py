@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 
 from alignment.errors import TruewheelError
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome
-from station.line.link import Spoil
-from station.line.messages import CommandAnswer, CommandCode, HandshakeState
-from station.line.trial import Point, Trial, Verdict
+from station.line.tools.trial import Point, Trial, Verdict
+from station.line.wire.link import Spoil
+from station.line.wire.messages import CommandAnswer, CommandCode, HandshakeState
 
 C, E = CommandCode, ErrorCode
 _STATUS_JITTER = 2.0

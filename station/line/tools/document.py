@@ -10,9 +10,10 @@ from cantools.database.can.signal import Signal
 
 from station.configuration.settings import CycleSettings, DatabaseSettings
 from station.cycle.words import ErrorCode
-from station.line.dbc import LineDatabase, Value
-from station.line.document_code import C_CODE, PLC_PROGRAM
-from station.line.document_text import (
+from station.line.handshake import COMMANDS, EVENTS, Request, Rule
+from station.line.interface import PREPARE_LIFETIME_S
+from station.line.tools.document_code import C_CODE, PLC_PROGRAM
+from station.line.tools.document_text import (
     FOR_PLC_PROGRAMMERS,
     GOOD_CYCLE,
     HEAD,
@@ -21,11 +22,10 @@ from station.line.document_text import (
     SIGNAL_LEGEND,
     TOOLS,
 )
-from station.line.error_codes import MEANINGS
-from station.line.handshake import COMMANDS, EVENTS, Request, Rule
-from station.line.interface import PREPARE_LIFETIME_S
-from station.line.messages import HandshakeState
-from station.line.protection import protect
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.error_codes import MEANINGS
+from station.line.wire.messages import HandshakeState
+from station.line.wire.protection import protect
 
 _E2E = ("E2eCrc", "E2eCounter")
 

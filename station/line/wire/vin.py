@@ -6,7 +6,7 @@ import enum
 from collections.abc import Mapping
 
 from alignment.errors import InputError
-from station.line.dbc import VIN_LENGTH, Value
+from station.line.wire.dbc import VIN_LENGTH, Value
 
 VIN_LIFETIME_S = 2.0
 # ISO 3779: digits and capital letters except I, O and Q.

@@ -21,11 +21,20 @@ import can
 
 from alignment.errors import InputError, LineConnectionError, LineError
 from station.cycle.words import ErrorCode, Mode, WheelAnswer
-from station.line.bus import LineBus, open_bus
-from station.line.channel import BusSettings
-from station.line.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
-from station.line.link import LinkHealth, ProtectedLink, Spoil
-from station.line.messages import (
+from station.line.plc.orders import (
+    DEFAULT_TIMEOUTS,
+    PlcOrder,
+    PlcResult,
+    PlcTimeouts,
+    first_shown,
+)
+from station.line.plc.results import missing_results, read_results
+from station.line.plc.station_view import StationView
+from station.line.wire.bus import LineBus, open_bus
+from station.line.wire.channel import BusSettings
+from station.line.wire.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
+from station.line.wire.link import LinkHealth, ProtectedLink, Spoil
+from station.line.wire.messages import (
     Answer,
     CommandAnswer,
     CommandCode,
@@ -33,16 +42,7 @@ from station.line.messages import (
     LineStatus,
     VehicleReport,
 )
-from station.line.orders import (
-    DEFAULT_TIMEOUTS,
-    PlcOrder,
-    PlcResult,
-    PlcTimeouts,
-    first_shown,
-)
-from station.line.plc_results import missing_results, read_results
-from station.line.station_view import StationView
-from station.line.vin import checked_vin
+from station.line.wire.vin import checked_vin
 from station.threads.supervised import SupervisedThread
 
 COMMAND_PERIOD_S = 0.1

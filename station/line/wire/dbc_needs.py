@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Quality, StationState
-from station.line.messages import Answer, CommandCode, HandshakeState, Part
+from station.line.wire.messages import Answer, CommandCode, HandshakeState, Part
 
 INVALID = "invalid"
 

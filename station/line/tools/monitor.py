@@ -19,10 +19,10 @@ from can.io.blf import BLFParseError
 from alignment.errors import FormatError, InputError
 from alignment.file_limits import LOG
 from sensors.formats.files import open_ordinary
-from station.line.bus import LineBus
-from station.line.bus_log import LOG_ENDINGS, open_log
-from station.line.dbc import LineDatabase, Value
-from station.line.protection import Guard
+from station.line.wire.bus import LineBus
+from station.line.wire.bus_log import LOG_ENDINGS, open_log
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.protection import Guard
 
 # What python-can's readers raise on files that are not what they claim to be.
 _LONGEST_LINE = 65_536

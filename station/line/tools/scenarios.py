@@ -1,6 +1,6 @@
 """Scenarios of the simulated controller: a file that says what to play, in which order, how often.
 
-What can be played are the points of `station.line.conformance`: each is a piece of a controller's day, good
+What can be played are the points of `station.line.tools.conformance`: each is a piece of a controller's day, good
 or bad, and knows what a station must answer.
 """
 
@@ -17,8 +17,8 @@ from pydantic import Field, model_validator
 from alignment.errors import DegenerateInputError
 from sensors.formats.validation import StrictModel
 from station.configuration.toml import read_toml
-from station.line.conformance import POINTS, point_named, try_point
-from station.line.trial import Trial, Vehicles, Verdict
+from station.line.tools.conformance import POINTS, point_named, try_point
+from station.line.tools.trial import Trial, Vehicles, Verdict
 
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")]
 

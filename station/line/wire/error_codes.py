@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from station.cycle.words import ErrorCode
-from station.line.messages import Part
+from station.line.wire.messages import Part
 
 
 @dataclass(frozen=True)

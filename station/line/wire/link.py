@@ -10,9 +10,9 @@ from typing import Literal
 import can
 
 from alignment.errors import InputError
-from station.line.bus import LineBus
-from station.line.dbc import LineDatabase, Value
-from station.line.protection import Check, Guard, Protector
+from station.line.wire.bus import LineBus
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.protection import Check, Guard, Protector
 
 Spoil = Literal["crc", "counter"]
 _JUMP = 7

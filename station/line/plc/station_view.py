@@ -9,12 +9,12 @@ import can
 
 from alignment.errors import LineTimeoutError
 from station.cycle.words import LiveAngles
-from station.line.dbc import Value
-from station.line.link import ProtectedLink
-from station.line.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
-from station.line.orders import ReceivedMessage
-from station.line.results import read_live
-from station.line.status import read_answer, read_info, read_status
+from station.line.plc.orders import ReceivedMessage
+from station.line.wire.dbc import Value
+from station.line.wire.link import ProtectedLink
+from station.line.wire.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
+from station.line.wire.results import read_live
+from station.line.wire.status import read_answer, read_info, read_status
 
 
 class StationView:

@@ -1,7 +1,7 @@
 """Reads a DBC file as untrusted text: sizes, numbers and attributes are looked at first.
 
 The library builds a message of whatever length the file claims, and says of a word where a number belongs
-only that something was wrong somewhere. `station.line.dbc` checks what the messages mean.
+only that something was wrong somewhere. `station.line.wire.dbc` checks what the messages mean.
 """
 
 from __future__ import annotations

@@ -20,9 +20,9 @@ from station.cycle.words import (
     WheelAnswer,
     overall_outcome,
 )
-from station.line.dbc import LineDatabase, Value
-from station.line.dbc_needs import INVALID
-from station.line.messages import VehicleReport
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.dbc_needs import INVALID
+from station.line.wire.messages import VehicleReport
 
 
 def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> tuple[can.Message, ...]:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from station.cycle.words import AxleAnswer, Mode, WheelAnswer
-from station.line.dbc import Value
-from station.line.messages import VehicleReport
+from station.line.wire.dbc import Value
+from station.line.wire.messages import VehicleReport
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from alignment.errors import LineError
 from station.cycle.words import AxleAnswer, Outcome, WheelAnswer, overall_outcome
-from station.line.dbc import LineDatabase, Value
-from station.line.messages import VehicleReport
-from station.line.results import read_axle, read_vehicle, read_wheel
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.messages import VehicleReport
+from station.line.wire.results import read_axle, read_vehicle, read_wheel
 
 Results = Mapping[str, dict[str, Value]]
 

@@ -15,8 +15,8 @@ from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
 from station.cycle.coalesced import Coalesced
-from station.line.bus_log import open_log
-from station.line.channel import BusSettings, Channel
+from station.line.wire.bus_log import open_log
+from station.line.wire.channel import BusSettings, Channel
 from station.threads.supervised import SupervisedThread
 
 RECEIVE_WAIT_S = 0.05

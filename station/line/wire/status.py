@@ -8,9 +8,16 @@ import can
 
 from alignment.errors import LineError
 from station.cycle.words import ErrorCode, StationState
-from station.line.dbc import LineDatabase, Value
-from station.line.error_codes import MEANINGS
-from station.line.messages import Answer, CommandAnswer, CommandCode, HandshakeState, LineStatus, StationInfo
+from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.error_codes import MEANINGS
+from station.line.wire.messages import (
+    Answer,
+    CommandAnswer,
+    CommandCode,
+    HandshakeState,
+    LineStatus,
+    StationInfo,
+)
 
 LARGEST_COUNT = 65_535
 

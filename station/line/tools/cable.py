@@ -14,7 +14,7 @@ import tty
 from types import TracebackType
 from typing import Any, Self
 
-from station.line.channel import BusSettings
+from station.line.wire.channel import BusSettings
 from station.threads.supervised import SupervisedThread
 
 SLCAN_OPTIONS: dict[str, Any] = {"sleep_after_open": 0.0}

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 from alignment.errors import LineError
 from station.cycle.words import ErrorCode, Mode
-from station.line.dbc import LineDatabase
-from station.line.messages import Answer, CommandAnswer, CommandCode, LineStatus
-from station.line.orders import PlcOrder, PlcResult
-from station.line.plc import PlcSimulator
+from station.line.plc.orders import PlcOrder, PlcResult
+from station.line.plc.simulator import PlcSimulator
+from station.line.wire.dbc import LineDatabase
+from station.line.wire.messages import Answer, CommandAnswer, CommandCode, LineStatus
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
 
 from alignment.errors import ConfigurationError, InputError
-from station.line.dbc_needs import FIXED, FLAG, INVALID, PER_AXLE, PER_WHEEL, VIN, Need
-from station.line.dbc_text import DAMAGED, read_dbc
-from station.line.protection import E2eParameters
+from station.line.wire.dbc_needs import FIXED, FLAG, INVALID, PER_AXLE, PER_WHEEL, VIN, Need
+from station.line.wire.dbc_text import DAMAGED, read_dbc
+from station.line.wire.protection import E2eParameters
 
 Value = float | int | str
 _FLAG_WORDS = {"no": 0, "yes": 1}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from station.cycle.words import Mode
-from station.line.bus import BusHealth
-from station.line.link import LinkHealth
+from station.line.wire.bus import BusHealth
+from station.line.wire.link import LinkHealth
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""The controller's side: a simulated one, for rehearsals and tests."""

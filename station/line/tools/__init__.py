@@ -1,0 +1,1 @@
+"""The integrator's: monitor, conformance, scenarios, and the interface page."""

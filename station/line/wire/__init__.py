@@ -1,0 +1,1 @@
+"""Frames and bits: buses, protection, and what each message carries."""
