@@ -83,7 +83,7 @@ def run(
     ] = None,
 ) -> None:
     """Run the station until SIGINT, SIGTERM, SIGHUP or SIGQUIT ends it in order."""
-    from station.app import run_station
+    from station.running.app import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
     run_station(own_config(config))
@@ -96,7 +96,7 @@ def schema(
     ],
 ) -> None:
     """Print the JSON schema of a file that this program reads."""
-    from station.schemas import schema_of
+    from station.commands.schemas import schema_of
 
     print_json(schema_of(name))
 

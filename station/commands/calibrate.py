@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from sensors.formats import PlateSession
-    from station.calibrate import Calibrated
+    from station.calibration.calibrate import Calibrated
 
 
 class MethodOption(StrEnum):
@@ -76,8 +76,8 @@ def calibrate(
 
     from sensors.formats import read_plate_session, write_calibration_input
     from sensors.formats.calibration import describe_calibration, write_calibration_file
-    from station.calibrate import CalibrateSettings, Method, calibrate_session
-    from station.calibration_check import accept_calibration
+    from station.calibration.calibrate import CalibrateSettings, Method, calibrate_session
+    from station.calibration.check import accept_calibration
 
     compiled_for(("calibrate",), as_json)
     settings = CalibrateSettings(Method(method.value), None if model is ModelOption.AUTO else model.value)
@@ -122,7 +122,7 @@ def calibrate(
 
 def _write_report(folder: Path, found: Calibrated, images: PlateSession, now: datetime) -> Path | None:
     """None when there was nothing to adjust, so nothing to draw."""
-    from station.calibration_report import write_report
+    from station.calibration.report import write_report
 
     if found.adjustment is None:
         return None

@@ -12,7 +12,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
-    from station.calibration_check import Checked
+    from station.calibration.check import Checked
 
 
 def check_command(
@@ -57,7 +57,7 @@ def check_command(
     from alignment.errors import ConfigurationError
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration_file
-    from station.calibration_check import CheckLimits, MasterWheel, check_folder, store_check
+    from station.calibration.check import CheckLimits, MasterWheel, check_folder, store_check
     from station.configuration.settings import read_configuration
 
     if (camber is None) != (toe is None):

@@ -55,7 +55,7 @@ def frame_command(
 
     from sensors.formats import read_gauge_frame
     from sensors.formats.files import require_new
-    from station.calibration_frame import framed_as_json, keep, place_rigs
+    from station.calibration.frame import framed_as_json, keep, place_rigs
 
     forced_reason = reason_of_force(force, reason, "placing", longest=100)
     require_new(out)
@@ -124,8 +124,8 @@ def simulate_gauge_session_command(
     """
     from sensors.formats import read_gauge_frame
     from sensors.formats.files import require_new
-    from station.gauge_simulation import simulate_gauge_session, write_gauge_session
-    from station.simulation import read_simulation
+    from station.rehearsal.gauge_simulation import simulate_gauge_session, write_gauge_session
+    from station.rehearsal.simulation import read_simulation
 
     require_new(out)
     compiled_for(("plate_images",), as_json)

@@ -48,7 +48,7 @@ def refresh_command(
 
     from alignment.calibration.gate import ARCMIN
     from alignment.values import MeasureSettings
-    from station.calibration_refresh import refresh_file, refreshed_as_json
+    from station.calibration.refresh import refresh_file, refreshed_as_json
     from station.configuration.settings import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()

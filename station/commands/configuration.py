@@ -43,7 +43,7 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Validate a configuration and all that it names, without starting; every mistake at once."""
-    from station.checking import check_configuration
+    from station.running.checking import check_configuration
 
     path = own_config(file)
     configuration, findings = check_configuration(path)

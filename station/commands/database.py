@@ -165,7 +165,7 @@ def retention(
     from db.store import ResultStore
     from db.upkeep.retention import enforce, kept, leaving
     from station.configuration.settings import read_configuration
-    from station.storing import archive_policy
+    from station.store.opening import archive_policy
 
     configuration = read_configuration(default_config(config))
     archive = configuration.settings.archive

@@ -16,7 +16,7 @@ from station.configuration.starter import default_config
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo import DemoResult, DemoVehicle, DemoWheel
+    from station.rehearsal.demo import DemoResult, DemoVehicle, DemoWheel
 
 
 def demo(
@@ -54,7 +54,7 @@ def demo(
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("loading", total=vehicles * len(configuration.settings.rigs))
         # Loads renderer and mathematics, which takes seconds: the bar is there first.
-        from station.demo import demo_configuration, run_demo
+        from station.rehearsal.demo import demo_configuration, run_demo
 
         folder.mkdir(parents=True, exist_ok=True)
         url = database or f"sqlite:///{folder.resolve() / 'results.db'}"

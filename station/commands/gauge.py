@@ -398,7 +398,7 @@ def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
 
 def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json: bool) -> None:
     """Print, write, and end with status 1 when a limit was missed."""
-    from station.studies.study import write_study
+    from station.figures import write_study
 
     files = [] if out is None else write_study(report, report.result, out)
     if as_json:

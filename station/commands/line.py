@@ -178,8 +178,8 @@ def cable(as_json: JsonFlag = False) -> None:
     """Join two serial devices back to back until SIGINT or SIGTERM: a line without hardware."""
     import threading
 
-    from station.app import stop_on_signals
     from station.line.tools.cable import SLCAN_OPTIONS, Cable
+    from station.running.app import stop_on_signals
 
     stopping = threading.Event()
     with stop_on_signals(stopping), Cable() as opened:

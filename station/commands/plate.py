@@ -32,8 +32,8 @@ def simulate_plate_session_command(
 ) -> None:
     """Render images of a plate: a session, truth.json, and calibration.json with the true cameras."""
     from sensors.formats import read_plate
-    from station.plate_simulation import simulate_session, write_simulated_session
-    from station.simulation import read_simulation
+    from station.rehearsal.plate_simulation import simulate_session, write_simulated_session
+    from station.rehearsal.simulation import read_simulation
 
     compiled_for(("plate_images",), as_json)
     path = default_config(plate, "plates/rig.toml" if head is None else "plates/head.toml")

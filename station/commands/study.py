@@ -12,7 +12,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.studies.registry import STUDIES
 
 if TYPE_CHECKING:
-    from station.studies.study import StudyResult
+    from station.figures import StudyResult
 
 
 def study(
@@ -33,8 +33,8 @@ def study(
         TimeRemainingColumn,
     )
 
+    from station.figures import write_study
     from station.studies.registry import load_study
-    from station.studies.study import write_study
 
     results: dict[str, dict[str, Any]] = {}
     failures: list[TruewheelError] = []

@@ -178,7 +178,7 @@ def simulate_wheel_command(
     from alignment.errors import ConfigurationError
     from sensors.formats.files import require_new
     from sensors.simulation.scene import WheelPose
-    from station.simulation import read_simulation, simulate_wheel, write_simulated_wheel
+    from station.rehearsal.simulation import read_simulation, simulate_wheel, write_simulated_wheel
 
     farthest = max(map(abs, offset))
     if not farthest <= 100.0:

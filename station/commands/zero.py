@@ -59,8 +59,8 @@ def measure_command(
     from db.records import CalibrationRecord
     from db.store import ResultStore
     from sensors.formats import read_calibration_file, read_shot
+    from station.calibration.zero import LARGEST_ZERO, MasterWheel, measure_zero
     from station.configuration.settings import read_configuration
-    from station.zero import LARGEST_ZERO, MasterWheel, measure_zero
 
     forced_reason = reason_of_force(force, reason, "zero measurement")
     settings, largest = MeasureSettings(), LARGEST_ZERO

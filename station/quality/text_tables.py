@@ -11,7 +11,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from station.studies.study import StudyResult
+from station.figures import StudyResult
 
 _FILE_WIDTH = 160
 _LONG = 40

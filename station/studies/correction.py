@@ -19,7 +19,7 @@ from alignment.calibration.correction import (
     standard_candidates,
 )
 from alignment.errors import ConfigurationError
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe
 from alignment.wheel.revolution import fit_revolution
 from sensors.simulation.rigs import RIG_SPECS, build_rig
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 

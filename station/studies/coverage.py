@@ -19,7 +19,7 @@ from alignment.measure import measure_wheel
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, WheelMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 
 Array = NDArray[np.float64]

@@ -28,8 +28,8 @@ from alignment.values import (
 )
 from sensors.simulation.scene import Obstacle, Sun, WheelScene, cable, draw_pose, draw_scene, lump
 from sensors.simulation.tyre import SHAPES, Material
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mixtures import mixture_row, mixture_table, mixtures
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import (
     ARCMIN,
     StudyRig,

@@ -20,7 +20,7 @@ from alignment.stereo.rectification import epipolar_directions
 from alignment.values import MeasureSettings
 from alignment.wheel.revolution import RevolutionFit, fit_revolution, least_covariance
 from sensors.simulation.scene import draw_pose, draw_scene
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, exposed, lights, study_rig
 
 Array = NDArray[np.float64]

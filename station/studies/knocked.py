@@ -33,9 +33,9 @@ from alignment.values import (
 from sensors.simulation.plate_session import plate_positions
 from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
 from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, exposed, lights, study_rig
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from alignment.calibration.tsai import calibrate_tsai
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 

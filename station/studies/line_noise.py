@@ -6,8 +6,8 @@ import tempfile
 from pathlib import Path
 
 from station.configuration.starter import default_config
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.rehearsal.noise import run_noise
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 FRAMES, QUICK_FRAMES = 1_000_000, 50_000
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from station.configuration.starter import default_config
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.rehearsal.power_loss import PowerLoss, open_power_loss
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 QUICK_STEPS = 4
 

@@ -24,6 +24,7 @@ from alignment.imaging.mark_location import locate_marks
 from alignment.imaging.marks import RoughMarks
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mark_peers import PEERS
 from station.studies.rendered_marks import (
     RenderedMark,
@@ -33,7 +34,6 @@ from station.studies.rendered_marks import (
     render_plate,
     tilted_shape,
 )
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 
@@ -274,7 +274,7 @@ def _population(count: int, rng: np.random.Generator) -> list[Conditions]:
 
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
-    """Run the study; see `station.studies.study.RunStudy`."""
+    """Run the study; see `station.figures.RunStudy`."""
     rng = np.random.default_rng(seed)
     rows: list[Row] = []
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from alignment.measure import measure_wheel
 from alignment.values import Image, MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
 from sensors.simulation.scene import WheelPose, WheelScene, draw_scene
-from station.studies.study import Row
+from station.figures import Row
 from station.studies.wheels import ARCMIN, StudyRig, errors_arcmin, exposed, lights
 
 Array = NDArray[np.float64]

@@ -20,6 +20,7 @@ from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.two_system import calibrate_two_system
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.heads import (
     HeadSpec,
     build_head,
@@ -32,7 +33,6 @@ from station.studies.heads import (
     square_plate,
     take_images,
 )
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]

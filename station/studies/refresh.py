@@ -25,9 +25,9 @@ from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.covariance import measured_angles
 from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
 
 Array = NDArray[np.float64]
 

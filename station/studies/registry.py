@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import cast
 
 from alignment.errors import ConfigurationError
-from station.studies.study import Study
+from station.figures import Study
 
 STUDIES = {
     "correction": "station.studies.correction",

@@ -13,7 +13,7 @@ from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.values import MeasureSettings, WheelMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, errors_arcmin, exposed, lights, study_rig
 
 REPEATS, QUICK_REPEATS = 25, 6

@@ -23,7 +23,7 @@ from alignment.measure_spin import measure_spin
 from alignment.values import MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel.spin import SpinMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
-from station.studies.study import Goal, Progress, Row, Study, StudyResult
+from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import (
     ARCMIN,
     StudyRig,

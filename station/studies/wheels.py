@@ -20,7 +20,7 @@ from sensors.simulation.plate_session import PlateSessionSpec, plate_positions, 
 from sensors.simulation.render import SAMPLES, render_samples
 from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
 from sensors.simulation.scene import WheelScene, truth_of
-from station.calibrate import observe_session
+from station.calibration.calibrate import observe_session
 from station.configuration.starter import default_config
 
 Array = NDArray[np.float64]

@@ -2,8 +2,8 @@ import json
 
 import pytest
 
-from station import benchmark
 from station.cli import main
+from station.rehearsal import benchmark
 
 
 def test_bench_prints_its_figures_and_says_by_its_status_whether_goals_are_met(

@@ -22,8 +22,6 @@ import pytest
 
 from alignment.errors import WarmUpError
 from sensors.formats import read_image, write_image
-from station import composition
-from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
 from station.cycle.words import ErrorCode, Outcome
@@ -33,6 +31,8 @@ from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.channel import BusSettings
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.messages import Answer, CommandCode, HandshakeState
+from station.running import composition
+from station.running.app import run_station
 from station.warm_up.needs import Work
 from station.warm_up.prepare import StoppedError
 from tests.end_to_end.conftest import Truewheel

@@ -16,7 +16,6 @@ import pytest
 
 from db.store import ResultStore
 from sensors.formats import read_image, read_truth, write_image
-from station.app import run_station
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
 from station.cycle.words import Outcome
@@ -26,6 +25,7 @@ from station.line.tools.monitor import decode_log, trace_cycles
 from station.line.wire.bus import open_bus
 from station.line.wire.channel import BusSettings
 from station.line.wire.dbc import load_line_database
+from station.running.app import run_station
 from tests.assertions import assert_angle_within
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from db.store import ResultStore
 from station.configuration.vehicle_types import read_vehicle_types
-from station.demo import vehicle_poses
 from station.line.tools.monitor import decode_log, trace_cycles
 from station.line.wire.dbc import load_line_database
+from station.rehearsal.demo import vehicle_poses
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]

@@ -11,8 +11,8 @@ import pytest
 import alignment.measure_spin
 from db.store import ResultStore
 from sensors.formats import read_image, write_image
-from station.composition import open_station
 from station.configuration.settings import read_configuration
+from station.running.composition import open_station
 from tests.alignment.wheel.test_spin import FULL_TURN, NOISE, RUN_OUT, plane, series
 from tests.end_to_end.conftest import Truewheel
 

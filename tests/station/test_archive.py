@@ -21,9 +21,9 @@ from db.upkeep.retention import Policy, enforce, kept
 from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
-from station.archive import ArchivingObserver, ImageArchive
 from station.cycle.ports import CycleReport, Observer
 from station.cycle.words import Trigger
+from station.store.archive import ArchivingObserver, ImageArchive
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
 
 WIDE = Policy(10**9, 30.0, 300.0)
@@ -152,7 +152,7 @@ def test_a_disk_that_is_too_slow_or_full_loses_images_and_says_so(
         full.wait(60)
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("station.archive.write_shot", slow)
+    monkeypatch.setattr("station.store.archive.write_shot", slow)
     record = stored(store)
     with ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON) as archive:
         archive.offer(record, [shot_of(record)])
@@ -183,7 +183,7 @@ def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
     first, *others = [stored(store) for _ in range(6)]
     with ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON) as archive:
         with monkeypatch.context() as patched:
-            patched.setattr(f"station.archive.{place}", fail)
+            patched.setattr(f"station.store.archive.{place}", fail)
             archive.offer(first, [shot_of(first)])
             archive.wait()
         for record in others:
@@ -214,7 +214,7 @@ def test_what_was_half_written_leaves_the_disk(
         (folder / "left.png").write_bytes(bytes(1000))
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("station.archive.write_shot", half)
+    monkeypatch.setattr("station.store.archive.write_shot", half)
     record = stored(store)
     with ImageArchive(store, tmp_path / "images", WIDE, "all", lambda _: None, lambda: NOON) as archive:
         archive.offer(record, [shot_of(record)])
@@ -243,7 +243,7 @@ def test_disk_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
         going.set()
         gate.wait(60)
 
-    monkeypatch.setattr("station.archive.write_shot", hang)
+    monkeypatch.setattr("station.store.archive.write_shot", hang)
     record = stored(store)
     archive = ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON, closing_s=0.1)
 

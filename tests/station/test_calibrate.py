@@ -15,7 +15,13 @@ from alignment.values import Image, RigCalibration
 from sensors.formats import PlateSession, SessionView, read_plate
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.calibrate import Calibrated, CalibrateSettings, Method, calibrate_session, calibration_id
+from station.calibration.calibrate import (
+    Calibrated,
+    CalibrateSettings,
+    Method,
+    calibrate_session,
+    calibration_id,
+)
 
 NOW = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 PLATE = Path(__file__).parents[2] / "configs" / "plates" / "rig.toml"

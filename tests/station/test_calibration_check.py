@@ -29,7 +29,7 @@ from db.store import ResultStore
 from sensors.formats import CalibrationFile, read_calibration_file, read_plate, write_calibration
 from sensors.formats.plate_session import write_plate_session
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
-from station.calibration_check import (
+from station.calibration.check import (
     CheckLimits,
     MasterWheel,
     accept_calibration,

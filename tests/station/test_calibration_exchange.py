@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sensors.formats import read_calibration, write_calibration
+from sensors.simulation.simulated_rig import TRUE_CALIBRATION_UTC, true_calibration
 from station.cli import main
-from station.simulated import TRUE_CALIBRATION_UTC, true_calibration
 
 
 def run(*arguments: object) -> int:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import station.calibration_refresh
+import station.calibration.refresh
 from alignment.calibration.cross_pairs import CrossPairs
 from alignment.calibration.gate import ARCMIN
 from alignment.calibration.prediction import NominalWheel, wheel_points
@@ -20,7 +20,7 @@ from alignment.calibration.refresh import Moved, Movement, Refreshed, Sightings,
 from alignment.geometry.cameras import PosedCamera
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
 from sensors.formats import read_calibration_file, write_calibration
-from station.calibration_refresh import judge_refreshed
+from station.calibration.refresh import judge_refreshed
 from station.cli import main
 from tests.station.calibrations import true_rig
 
@@ -73,9 +73,9 @@ def seen_by_the_true_rig(monkeypatch: pytest.MonkeyPatch, request: pytest.Fixtur
         assert len(shots) == 2
         return judged(refresh_from(Sightings(tuple(pairs)), calibration, movement))
 
-    monkeypatch.setattr(station.calibration_refresh, "refresh", refresh)
+    monkeypatch.setattr(station.calibration.refresh, "refresh", refresh)
     monkeypatch.setattr(
-        station.calibration_refresh, "read_shot", lambda folder, known: SimpleNamespace(images=())
+        station.calibration.refresh, "read_shot", lambda folder, known: SimpleNamespace(images=())
     )
 
 

@@ -2,7 +2,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from alignment.calibration.gate import CalibrationProblem, Judgement, camera_figures, judge
-from station.calibration_report import write_report
+from station.calibration.report import write_report
 from tests.station.calibrations import adjusted
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)

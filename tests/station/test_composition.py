@@ -12,11 +12,11 @@ import pytest
 
 from alignment.errors import ConfigurationError, FormatError
 from sensors.formats import write_calibration
-from station.archive import ImageArchive
-from station.composition import open_station
 from station.configuration.settings import read_configuration
 from station.cycle.words import Mode
-from station.storing import limits_of, open_archive, open_store
+from station.running.composition import open_station
+from station.store.archive import ImageArchive
+from station.store.opening import limits_of, open_archive, open_store
 from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import TODAY
 
@@ -72,8 +72,8 @@ def test_every_bound_and_factor_of_the_configuration_reaches_the_cycle(
 
         close = connect
 
-    monkeypatch.setattr("station.composition.recorded_rig", lambda *args: Rig())
-    monkeypatch.setattr("station.composition.MeasuringCycle", take)
+    monkeypatch.setattr("station.running.composition.recorded_rig", lambda *args: Rig())
+    monkeypatch.setattr("station.running.composition.MeasuringCycle", take)
     (config.parent / "shots" / "one").mkdir(parents=True)
     (config.parent / "shots" / "one" / "shot.json").write_text("{}")
     with pytest.raises(Taken), open_station(read_configuration(config)):
@@ -95,7 +95,7 @@ def test_every_bound_and_factor_of_the_configuration_reaches_the_cycle(
 
 
 def test_line_offers_the_mode_calibrate_only_where_its_images_have_a_folder(config: Path) -> None:
-    from station.composition import line_options
+    from station.running.composition import line_options
 
     options = line_options(read_configuration(config))
     assert options.live_age_s == 0.7

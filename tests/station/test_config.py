@@ -12,7 +12,7 @@ from sensors.simulation.rigs import RIG_SPECS
 from sensors.simulation.tyre import SHAPES
 from station.configuration.settings import SimulatedOptions, StationConfig, read_configuration
 from station.configuration.vehicle_types import VehicleType, read_vehicle_types
-from station.simulation import SimulationConfig, read_simulation
+from station.rehearsal.simulation import SimulationConfig, read_simulation
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -24,7 +24,7 @@ from station.configuration.settings import (
     StationSettings,
 )
 from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.simulation import OpticsOptions, PatternOptions, SimulationConfig
+from station.rehearsal.simulation import OpticsOptions, PatternOptions, SimulationConfig
 
 NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     StationSettings: {"id": "station_1", "name": "One", "plant": "Plant"},

@@ -17,7 +17,7 @@ from db.records import ZeroRecord
 from sensors.camera import Frame
 from sensors.formats import write_shot
 from sensors.shot import HeadFrames, WheelShot
-from station.zero import MasterWheel, correction_of, measure_zero
+from station.calibration.zero import MasterWheel, correction_of, measure_zero
 from tests import rendered
 
 SETTINGS = MeasureSettings()

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sensors.formats import read_calibration, read_plate_session, read_plate_truth
+from sensors.simulation.simulated_rig import true_calibration
 from station.cli import main
-from station.simulated import true_calibration
 
 
 def run(*arguments: object) -> int:

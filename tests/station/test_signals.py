@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from db.records import CycleOutcome
-from station.app import stop_on_signals
 from station.cycle.words import Mode, Outcome, StationState
+from station.running.app import stop_on_signals
 from tests.station.bench import Restarted, open_bench
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,7 +91,8 @@ import os, signal, sys, threading
 # Whoever starts the tests may have it ignored.
 signal.signal(int(sys.argv[1]), signal.SIG_DFL)
 from pathlib import Path
-from station import app, composition
+from station.running import app
+from station.running import composition
 
 class Station:
     def __enter__(self):

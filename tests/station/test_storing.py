@@ -11,7 +11,7 @@ import pytest
 from alignment.errors import ConfigurationError, StoreUnavailableError
 from db.records import StationRecord
 from station.configuration.settings import Configuration, read_configuration
-from station.storing import describe_station, limits_of, open_store
+from station.store.opening import describe_station, limits_of, open_store
 from tests.station.bench import TODAY
 
 ROOT = Path(__file__).parents[2]

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 import sensors.formats
+import station.calibration.zero
 import station.commands.zero
-import station.zero
 from alignment.errors import ConfigurationError
 from alignment.values import MeasureSettings, WheelMeasurement
 from db.store import ResultStore
 from sensors.formats import write_calibration
+from station.calibration.zero import MasterWheel, measure_zero
 from station.cli import main
 from station.configuration.settings import StationConfig, read_configuration
-from station.zero import MasterWheel, measure_zero
 from tests.end_to_end.conftest import CONFIGS
 from tests.station.bench import measurement
 from tests.station.calibrations import true_rig
@@ -40,9 +40,9 @@ def master(monkeypatch: pytest.MonkeyPatch) -> None:
     """A master wheel that is measured at −0.8° and 0.2°, without images."""
     found = replace(measurement(), camber=MEASURED[0], toe=MEASURED[1], angle_covariance=1e-12 * np.eye(2))
     assert isinstance(found, WheelMeasurement)
-    monkeypatch.setattr(station.zero, "measure_wheel", lambda *_: found)
+    monkeypatch.setattr(station.calibration.zero, "measure_wheel", lambda *_: found)
     shot = SimpleNamespace(images=(), time_utc=NOON)
-    monkeypatch.setattr(station.zero, "read_shot", lambda *_: shot)
+    monkeypatch.setattr(station.calibration.zero, "read_shot", lambda *_: shot)
     monkeypatch.setattr(sensors.formats, "read_shot", lambda *_: shot)
     monkeypatch.setattr(station.commands.zero, "compiled_for_images", lambda *_: None)
 

@@ -10,12 +10,12 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError
-from station.composition import bus_settings
 from station.configuration.settings import read_configuration
 from station.line.tools.monitor import read_log
 from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.bus_log import open_log
 from station.line.wire.channel import BusSettings
+from station.running.composition import bus_settings
 from tests.station.line.line_bench import DBC
 
 FRAME_BYTES = 60

@@ -9,12 +9,12 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, LineConnectionError
-from station.composition import cycle_bounds
 from station.configuration.settings import StationConfig
 from station.configuration.toml import read_toml
 from station.cycle.store_thread import StoreThread
 from station.cycle.words import ErrorCode, Mode, Outcome, WheelAnswer
 from station.line.wire.bus import LineBus
+from station.running.composition import cycle_bounds
 from station.threads.supervised import SupervisedThread
 from tests.station.bench import Bench as CycleBench
 from tests.station.bench import open_bench

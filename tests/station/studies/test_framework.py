@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from alignment.errors import ConfigurationError, DegenerateInputError
 from station.cli import main
+from station.figures import Goal, Progress, Study, StudyResult, write_study
 from station.studies import registry
 from station.studies.registry import STUDIES, load_study
-from station.studies.study import Goal, Progress, Study, StudyResult, write_study
 
 
 def result(value: float) -> StudyResult:

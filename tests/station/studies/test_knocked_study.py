@@ -9,9 +9,9 @@ import pytest
 
 from alignment.values import StereoImages
 from sensors.simulation.scene import WheelScene
+from station.figures import Row, StudyResult
 from station.studies import knocked, mixtures
 from station.studies.degraded import with_mixtures
-from station.studies.study import Row, StudyResult
 from station.studies.wheels import study_rig
 
 

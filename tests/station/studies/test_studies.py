@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from station.figures import StudyResult
 from station.studies import correction, parallel_head
 from station.studies.lenz_tsai import STUDY as LENZ_TSAI
 from station.studies.nonparallel_head import STUDY as NONPARALLEL_HEAD
-from station.studies.study import StudyResult
 
 
 def silent(done: float, doing: str) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
+from station.figures import Row
 from station.studies import degraded, efficiency, repeatability, wheel_grid
 from station.studies.coverage import drawn
 from station.studies.degraded import degraded_shot, row_of, summarise
-from station.studies.study import Row
 from station.studies.wheels import StudyRig, calibrate_from_plate, study_rig
 
 

@@ -22,7 +22,6 @@ from sensors.formats import read_calibration_file, write_calibration
 from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
 from sensors.heads import Rig
-from station.archive import ArchivingObserver, ImageArchive
 from station.configuration.settings import (
     Configuration,
     RecordedOptions,
@@ -39,7 +38,8 @@ from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.channel import BusSettings
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.options import LineOptions
-from station.storing import describe_station, open_archive, open_store
+from station.store.archive import ArchivingObserver, ImageArchive
+from station.store.opening import describe_station, open_archive, open_store
 from station.warm_up.needs import Work
 from station.warm_up.prepare import warm_up
 
@@ -250,7 +250,7 @@ def _simulated(
     configuration: Configuration, rig: RigSettings, options: SimulatedOptions
 ) -> tuple[Rig, CalibrationInForce]:
     # Only a configuration that names the simulator loads it.
-    from station.simulated import (
+    from sensors.simulation.simulated_rig import (
         TRUE_CALIBRATION_METHOD,
         TRUE_CALIBRATION_UTC,
         SimulatedRig,

@@ -23,7 +23,7 @@ def schema_of(name: str) -> dict[str, Any]:
     known: dict[str, type[BaseModel]] = {**SCHEMAS, "station": StationConfig, "vehicle-type": VehicleType}
     if name == "simulation":
         # Loads the renderer, which the others do without.
-        from station.simulation import SimulationConfig
+        from station.rehearsal.simulation import SimulationConfig
 
         known[name] = SimulationConfig
     if name not in known:

@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from station.composition import OpenStation, open_station
 from station.configuration.settings import Configuration, read_configuration
 from station.cycle.ports import CycleReport, Observer
 from station.cycle.words import StationState
+from station.running.composition import OpenStation, open_station
 from station.warm_up.prepare import StoppedError
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")

@@ -16,7 +16,7 @@ from alignment.calibration.refresh import Moved, Movement, Refreshed, refresh
 from alignment.errors import ConfigurationError
 from alignment.values import MeasureSettings, RigCalibration
 from sensors.formats import read_calibration_file, read_shot, write_calibration
-from station.calibrate import calibration_id
+from station.calibration.calibrate import calibration_id
 
 FOCAL_SIGMA = 0.01
 """How far a refocused lens may have changed its focal length, relative."""

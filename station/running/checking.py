@@ -9,10 +9,10 @@ from urllib.parse import unquote
 
 from alignment.errors import ConfigurationError, TruewheelError
 from db.connection import parse_url
-from station.composition import read_rig_calibration, recorded_folders
 from station.configuration.settings import Configuration, RigSettings, read_configuration
 from station.line.wire.channel import require_interface
 from station.line.wire.dbc import load_line_database
+from station.running.composition import read_rig_calibration, recorded_folders
 
 
 def check_configuration(path: Path) -> tuple[Configuration | None, list[TruewheelError]]:

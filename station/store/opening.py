@@ -14,10 +14,10 @@ from db.store import ResultStore
 from db.upkeep.background import BackgroundWork, StoreHealth
 from db.upkeep.retention import Policy
 from db.upkeep.shipping import Shipper
-from station.archive import ImageArchive
 from station.configuration.settings import ArchiveSettings, Configuration
 from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.cycle.positions import WheelPosition
+from station.store.archive import ImageArchive
 
 
 @dataclass(frozen=True, eq=False)

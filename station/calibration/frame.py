@@ -38,7 +38,7 @@ from sensors.formats.calibration import describe_calibration
 from sensors.formats.files import entries, write_folder
 from sensors.formats.plate_session import SESSION_FILE
 from sensors.formats.validation import dump_json
-from station.calibrate import calibration_id, observe_session
+from station.calibration.calibrate import calibration_id, observe_session
 
 Progress = Callable[[float, str], None]
 

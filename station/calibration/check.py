@@ -22,7 +22,7 @@ from sensors.formats import CalibrationFile, PlateSession, read_plate_session, r
 from sensors.formats.plate_session import SESSION_FILE
 from sensors.formats.validation import validate
 from sensors.shot import WheelShot
-from station.calibrate import observe_session
+from station.calibration.calibrate import observe_session
 
 Progress = Callable[[float, str], None]
 

@@ -16,9 +16,9 @@ from sensors.formats import GaugeFrame, PlateSession
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
-from station.plate_simulation import write_simulated_session
-from station.simulated import true_calibration
-from station.simulation import SimulationConfig
+from sensors.simulation.simulated_rig import true_calibration
+from station.rehearsal.plate_simulation import write_simulated_session
+from station.rehearsal.simulation import SimulationConfig
 
 _TURN, _SHIFT_MM = math.radians(0.3), 2.0  # by which rigs stand off where they were planned
 

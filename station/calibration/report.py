@@ -18,7 +18,7 @@ from alignment.calibration.gate import ARCMIN, Judgement
 from alignment.calibration.prediction import NominalWheel
 from alignment.values import Side, nominal_vehicle_from_rig
 from sensors.formats.files import write_bytes
-from station.calibration_pictures import (
+from station.calibration.pictures import (
     image_coverage,
     mark_corrections,
     residual_vectors,

@@ -17,7 +17,7 @@ import numpy as np
 from alignment.errors import ConfigurationError, LineError, StoreError
 from db.records import CycleOutcome, Verdict, WheelOutcome
 from sensors.formats.truth import WheelTruth
-from station.composition import OpenStation, open_station
+from sensors.simulation.simulated_rig import PoseDrawer, SimulatedRig, angles_about
 from station.configuration.settings import Configuration
 from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.cycle.judging import JudgedWheel, axle_of
@@ -30,7 +30,7 @@ from station.line.plc.simulator import PlcSimulator
 from station.line.tools.monitor import decode_log, trace_cycles
 from station.line.wire.bus import open_bus
 from station.line.wire.channel import BusSettings
-from station.simulated import PoseDrawer, SimulatedRig, angles_about
+from station.running.composition import OpenStation, open_station
 
 # A screen behind other work may be slow; a real line would not wait so long.
 _TIMEOUTS = PlcTimeouts(

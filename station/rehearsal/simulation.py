@@ -19,9 +19,9 @@ from sensors.simulation.projector import LinePattern
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, RigSpec
 from sensors.simulation.scene import WheelPose, draw_scene, truth_of
+from sensors.simulation.simulated_rig import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
 from station.configuration.settings import CameraOptions
 from station.configuration.toml import read_toml
-from station.simulated import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
 
 
 class OpticsOptions(StrictModel):

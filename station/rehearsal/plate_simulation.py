@@ -18,8 +18,8 @@ from sensors.simulation.plate_session import (
     plate_positions,
     simulate_plate_session,
 )
-from station.simulated import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
-from station.simulation import SimulationConfig
+from sensors.simulation.simulated_rig import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
+from station.rehearsal.simulation import SimulationConfig
 
 
 def simulate_session(

@@ -1,0 +1,1 @@
+"""A calibration's life: made with the plate, checked, put in the vehicle frame, refreshed, zeroed."""

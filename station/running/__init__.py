@@ -1,0 +1,1 @@
+"""The composition root: puts a station together and runs it."""
