@@ -9,7 +9,7 @@ from pathlib import Path
 
 from alignment.errors import ConfigurationError
 
-SHIPPED = Path(__file__).resolve().parents[1] / "configs"
+SHIPPED = Path(__file__).resolve().parents[2] / "configs"
 """Where it lies, in a checkout as in an installation."""
 SERVICE_FILE = "truewheel.service"
 _IDENTITY = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
