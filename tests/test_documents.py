@@ -77,10 +77,10 @@ def test_the_readme_s_questions_are_answered_by_an_example_database(
 RUN_ELSEWHERE = {
     ("README.md", "console"): (1, "tests/test_documents.py"),
     ("README.md", "python"): (1, "tests/test_documents.py"),
-    ("docs/line-interface.md", "c"): (1, "tests/station/line/test_page_code.py"),
-    ("docs/line-interface.md", "iecst"): (2, "tests/station/line/test_page_plc.py"),
-    ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/test_page_plc.py"),
-    ("docs/database.md", "sql"): (2, "tests/db/test_access.py"),
+    ("docs/line-interface.md", "c"): (1, "tests/station/line/tools/test_page_code.py"),
+    ("docs/line-interface.md", "iecst"): (2, "tests/station/line/tools/test_page_plc.py"),
+    ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/tools/test_page_plc.py"),
+    ("docs/database.md", "sql"): (2, "tests/db/connection/test_access.py"),
 }
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = {
-    "station.cycle.verdict": ("tests/station/test_verdict.py",),
+    "station.cycle.verdict": ("tests/station/cycle/test_verdict.py",),
     "station.line.handshake": ("tests/station/line/test_handshake.py",),
 }
 # None of them may load a module that is mutated; what is loaded here each child has at once.

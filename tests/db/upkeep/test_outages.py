@@ -25,7 +25,7 @@ from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

@@ -110,7 +110,7 @@ def test_a_reader_cannot_write_whatever_its_user_may(filled: str, statement: str
 def report_role(postgres_url: str) -> Iterator[str]:
     """URL of a user with the rights that docs/database.md gives a report's user, and no others."""
     fill(postgres_url)
-    documentation = (Path(__file__).parents[2] / "docs" / "database.md").read_text()
+    documentation = (Path(__file__).parents[3] / "docs" / "database.md").read_text()
     statements = documentation.split("```sql\n")[1].split("```")[0]
     database = parse_url(postgres_url).database
     with psycopg.connect(postgres_url, autocommit=True) as connection:

@@ -20,7 +20,7 @@ from station.store.opening import limits_of, open_archive, open_store
 from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import TODAY
 
-CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 CHANGES = (
     ("timeout_s = 5.0", "timeout_s = 3.0"),
     ("minimum_free_mb = 500", "minimum_free_mb = 7"),

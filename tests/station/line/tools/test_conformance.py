@@ -23,7 +23,7 @@ from station.line.wire.messages import HandshakeState
 from station.line.wire.options import LineOptions
 from station.rehearsal.simulated import simulated_station
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 PATIENT = PlcTimeouts(
     connect_s=20.0, ready_s=20.0, busy_s=10.0, done_s=20.0, acknowledged_s=10.0, silence_s=4.0
 )

@@ -41,7 +41,7 @@ from station.studies.simulated_views import STAGES, cameras_of, observe, square_
 from tests.station.calibrations import true_rig
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
-PLATE = Path(__file__).parents[2] / "configs" / "plates" / "rig.toml"
+PLATE = Path(__file__).parents[3] / "configs" / "plates" / "rig.toml"
 ARCMIN = math.pi / 10800.0
 
 

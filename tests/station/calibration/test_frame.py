@@ -23,7 +23,7 @@ from sensors.formats import (
 )
 from station.cli import main
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 ARCMIN = math.pi / 10800.0
 RIGS = ("front_left", "front_right")
 

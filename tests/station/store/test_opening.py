@@ -14,7 +14,7 @@ from station.configuration.settings import Configuration, read_configuration
 from station.store.opening import describe_station, limits_of, open_store
 from tests.station.bench import TODAY
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def configuration(tmp_path: Path, **database: object) -> Configuration:

@@ -24,7 +24,7 @@ from station.calibration.calibrate import (
 )
 
 NOW = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
-PLATE = Path(__file__).parents[2] / "configs" / "plates" / "rig.toml"
+PLATE = Path(__file__).parents[3] / "configs" / "plates" / "rig.toml"
 POSITIONS = (
     PlatePosition("low", (0.0, 0.0, -30.0)),
     PlatePosition("middle", (7.5, -7.5, 0.0)),

@@ -213,7 +213,7 @@ def test_an_auditor_verifies_the_chain_with_the_lines_of_the_documentation(
     sqlite_url: str, open_store: Callable[..., ResultStore], capsys: pytest.CaptureFixture[str]
 ) -> None:
     fill(open_store(sqlite_url))
-    page = (Path(__file__).parents[2] / "docs" / "database.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "database.md").read_text(encoding="utf-8")
     section = page.split("## The chain of hashes")[1]
     lines = section.split("```python\n")[1].split("```")[0].replace("results.db", sqlite_url[10:])
     exec(compile(lines, "docs/database.md", "exec"), {})

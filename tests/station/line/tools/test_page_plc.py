@@ -16,6 +16,7 @@ from collections.abc import Iterator
 
 import can
 import pytest
+from tests.station.line.test_plc import SmallStation
 
 from station.cycle.words import (
     Abort,
@@ -36,7 +37,6 @@ from station.line.wire.messages import CommandCode, HandshakeState
 from tests.documents import snippets
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows
-from tests.station.line.test_plc import SmallStation
 from tests.structured_text import names_of, translated
 
 DATABASE = load_line_database(DBC)

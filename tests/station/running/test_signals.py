@@ -16,7 +16,7 @@ from station.cycle.words import Mode, Outcome, StationState
 from station.running.app import stop_on_signals
 from tests.station.bench import Restarted, open_bench
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 ENDING = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
 
 

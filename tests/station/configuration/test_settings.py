@@ -14,7 +14,7 @@ from station.configuration.settings import SimulatedOptions, StationConfig, read
 from station.configuration.vehicle_types import VehicleType, read_vehicle_types
 from station.rehearsal.simulation import SimulationConfig, read_simulation
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 @pytest.fixture

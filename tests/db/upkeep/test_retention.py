@@ -22,7 +22,7 @@ from station.configuration.settings import read_configuration
 from station.quality.report_compare import TEMPERATURE
 from tests.db.example_records import CALIBRATION, cycle, shot, station
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 NOW = datetime.now(UTC)
 DAY = timedelta(days=1)
 
