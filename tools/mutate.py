@@ -1,4 +1,4 @@
-"""Mutation testing of the two modules that decide: `python tools/mutate.py` (all) or `... station.cycle.verdict`.
+"""Mutation testing of the two modules that decide: `python tools/mutate.py`, or with a module's name.
 
 Each mutant changes one thing in a module's code (a comparison, a constant, a branch, an enumeration's
 member, a statement) and runs the module's own tests on it in a process of its own. A mutant that no test

@@ -1,7 +1,7 @@
 """Sums over results, kept per hour and day so that a month is read in milliseconds.
 
-They hold nothing of their own: `db.sums.update` builds them from the results, adds what is new, can build them
-again, and checks them against the results. Unlike results they change.
+They hold nothing of their own: `db.sums.update` builds them from the results, adds what is new, can build
+them again, and checks them against the results. Unlike results they change.
 """
 
 from __future__ import annotations

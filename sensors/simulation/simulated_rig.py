@@ -1,4 +1,4 @@
-"""Rigs whose cameras look at simulated wheels. Only `station.running.composition`, the demo and studies use them."""
+"""Rigs whose cameras look at simulated wheels; only composition roots use them."""
 
 from __future__ import annotations
 

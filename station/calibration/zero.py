@@ -10,15 +10,13 @@ from pathlib import Path
 from uuid import uuid4
 
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration.prediction import angle_covariance
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
-from alignment.values import MeasureSettings, Refusal, RigCalibration, Side
-from alignment.wheel.zero import ZeroCorrection, zero_correction
+from alignment.values import MeasureSettings, Refusal, RigCalibration
 from db.records import ZeroRecord
 from sensors.formats import read_shot
 
@@ -150,18 +148,3 @@ def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: f
 
 def _arcmin(angle: float, sign: str = "") -> str:
     return f"{60.0 * math.degrees(angle):{sign}.4g}′"
-
-
-def correction_of(record: ZeroRecord, side: Side) -> ZeroCorrection:
-    """Return the correction that a stored zero measurement stands for."""
-    return zero_correction(
-        (record.camber, record.toe),
-        (record.certified_camber, record.certified_toe),
-        _covariance(record),
-        side,
-    )
-
-
-def _covariance(record: ZeroRecord) -> NDArray[np.float64]:
-    mixed = record.correlation * record.camber_u * record.toe_u
-    return np.array([[record.camber_u**2, mixed], [mixed, record.toe_u**2]])

@@ -22,8 +22,8 @@ from alignment.values import (
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats.shot import check_shot_matches
 from sensors.shot import WheelShot
-from station.calibration.zero import correction_of
 from station.cycle.words import ErrorCode
+from station.cycle.zero import correction_of
 
 MeasureFunction = Callable[
     [Sequence[StereoImages], RigCalibration, MeasureSettings], WheelMeasurement | Refusal

@@ -18,8 +18,8 @@ _LOG = logging.getLogger("truewheel.station")
 class StoreThread:
     """Makes one call after the other, each within a bound.
 
-    A call that outlasts its bound goes on all the same, and what it writes may land later: `station.cycle.owed` and
-    `station.cycle.ledger` see to it that the database then says what the line was told.
+    A call that outlasts its bound goes on all the same, and what it writes may land later: `owed` and
+    `ledger` see to it that the database then says what the line was told.
 
     Parameters
     ----------

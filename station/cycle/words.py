@@ -1,8 +1,8 @@
 """The words of the measuring cycle: what is asked of it, where it stands, what it answers, what failed.
 
-Angles are in degrees where a controller reads them, and say so in their names. Signs are the product's: camber
-positive when the top leans outboard, toe positive for toe-in. That an answer is complete is checked where it is
-made. Nothing here knows of a line; the line translates.
+Angles are in degrees where a controller reads them, and say so in their names. Signs are the product's:
+camber positive when the top leans outboard, toe positive for toe-in. That an answer is complete is checked
+where it is made. Nothing here knows of a line; the line translates.
 """
 
 from __future__ import annotations

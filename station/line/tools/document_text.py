@@ -1,4 +1,4 @@
-"""The parts of the line interface's description that are prose; `station.line.tools.document` puts it together."""
+"""The prose of the line interface's description; `station.line.tools.document` puts it together."""
 
 HEAD = """
 # The line interface

@@ -1,7 +1,7 @@
 """Scenarios of the simulated controller: a file that says what to play, in which order, how often.
 
-What can be played are the points of `station.line.tools.conformance`: each is a piece of a controller's day, good
-or bad, and knows what a station must answer.
+What can be played are the points of `station.line.tools.conformance`: each is a piece of a controller's day,
+good or bad, and knows what a station must answer.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ from db.records import ZeroRecord
 from sensors.camera import Frame
 from sensors.formats import write_shot
 from sensors.shot import HeadFrames, WheelShot
-from station.calibration.zero import MasterWheel, correction_of, measure_zero
+from station.calibration.zero import MasterWheel, measure_zero
+from station.cycle.zero import correction_of
 from tests import rendered
 
 SETTINGS = MeasureSettings()
