@@ -35,7 +35,7 @@ from station.commands.report import report
 from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.zero import zero_app
-from station.configuration.starter import own_config
+from station.configuration.places import own_config
 
 app = typer.Typer(
     name="truewheel",

@@ -9,7 +9,7 @@ import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of_force
 from station.commands.warm_up import compiled_for
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 
 def frame_command(

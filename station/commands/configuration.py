@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
-from station.configuration.starter import own_config
+from station.configuration.places import own_config
 
 config_app = typer.Typer(no_args_is_help=True, help="The station's configuration.")
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 db_app = typer.Typer(no_args_is_help=True, help="The result database.")
 

@@ -11,7 +11,7 @@ import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 if TYPE_CHECKING:
     from rich.table import Table

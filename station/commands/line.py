@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 if TYPE_CHECKING:
     import can

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from alignment.errors import ConfigurationError
+
 GOAL_MISSED = 1
 BAD_INPUT = 2
 STATION_FAULT = 3
@@ -20,3 +22,26 @@ JsonFlag = Annotated[
 def print_json(value: Mapping[str, Any]) -> None:
     """Print one object on standard output."""
     typer.echo(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def reason_of_force(force: bool, reason: str, what: str, longest: int = 1000) -> str | None:
+    """Return why something is forced; None when it is not.
+
+    Raises
+    ------
+    ConfigurationError
+        When only one of ``--force`` and ``--reason`` is given, or the reason has more than `longest`
+        characters; `what` names what is forced.
+    """
+    if force != bool(reason.strip()):
+        raise ConfigurationError(
+            field="--force, --reason",
+            expected=f"both or neither: a forced {what} says why",
+            seen="--force alone" if force else "--reason alone",
+            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
+        )
+    if len(reason.strip()) > longest:
+        raise ConfigurationError(
+            field="--reason", expected=f"at most {longest} characters", seen=str(len(reason.strip()))
+        )
+    return reason.strip() if force else None

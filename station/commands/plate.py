@@ -10,7 +10,7 @@ import typer
 from station.commands.output import JsonFlag, print_json
 from station.commands.warm_up import compiled_for
 from station.commands.wheel import SideOption
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 
 def simulate_plate_session_command(

@@ -1,4 +1,4 @@
-"""The configuration that comes with the program, and a copy of it to start a station from."""
+"""A copy of the configuration that comes with the program, to start a station from."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ import sys
 from pathlib import Path
 
 from alignment.errors import ConfigurationError
+from station.configuration.places import SHIPPED
 
-SHIPPED = Path(__file__).resolve().parents[2] / "configs"
-"""Where it lies, in a checkout as in an installation."""
 SERVICE_FILE = "truewheel.service"
 _IDENTITY = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-
-
-def own_configuration(name: str = "station.toml") -> Path | None:
-    """Return the configuration of the current folder, in ``configs/`` or beside it, if there is one."""
-    return next((place for place in (Path("configs") / name, Path(name)) if place.is_file()), None)
 
 
 def write_starter(folder: Path, station: str = "station_1") -> list[Path]:
@@ -73,65 +67,3 @@ def write_starter(folder: Path, station: str = "station_1") -> list[Path]:
         service.replace("@HOME@", str(folder.resolve())).replace("@PROGRAM@", str(program)), encoding="utf-8"
     )
     return [*copies.values(), unit]
-
-
-def own_config(given: Path | None) -> Path:
-    """Return the configuration of the station that is to run: the given one, else that of this folder.
-
-    Unlike `default_config` never the one beside the program, whose database would lie there too.
-
-    Raises
-    ------
-    ConfigurationError
-        When none is given and there is none here.
-    """
-    found = given or own_configuration()
-    if found is None:
-        raise ConfigurationError(
-            file=Path("configs") / "station.toml",
-            expected="a station's configuration",
-            seen="no such file",
-            cure="Name one with --config, or write one to start from: `truewheel init FOLDER`",
-        )
-    return found
-
-
-def default_config(given: Path | None, name: str = "station.toml") -> Path:
-    """Return the configuration to use: the given one, else ``configs/`` here or beside the program.
-
-    Raises
-    ------
-    ConfigurationError
-        When none is given and there is none in either place.
-    """
-    if given is not None:
-        return given
-    place = own_configuration(name) or SHIPPED / name
-    if not place.is_file():
-        raise ConfigurationError(
-            file=place, expected="a configuration", seen="no such file", cure="Name one with --config"
-        )
-    return place
-
-
-def reason_of_force(force: bool, reason: str, what: str, longest: int = 1000) -> str | None:
-    """Return why something is forced; None when it is not.
-
-    Raises
-    ------
-    ConfigurationError
-        When only one of ``--force`` and ``--reason`` is given, or the reason has more than `longest`
-        characters; `what` names what is forced.
-    """
-    if force != bool(reason.strip()):
-        raise ConfigurationError(
-            field="--force, --reason",
-            expected=f"both or neither: a forced {what} says why",
-            seen="--force alone" if force else "--reason alone",
-            cure='Add --reason "…"' if force else "Add --force, or leave the reason out",
-        )
-    if len(reason.strip()) > longest:
-        raise ConfigurationError(
-            field="--reason", expected=f"at most {longest} characters", seen=str(len(reason.strip()))
-        )
-    return reason.strip() if force else None

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.rehearsal.endurance import SETTLED, Endurance, run_endurance
 

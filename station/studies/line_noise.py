@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.rehearsal.noise import run_noise
 

@@ -21,7 +21,7 @@ from sensors.simulation.render import SAMPLES, render_samples
 from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
 from sensors.simulation.scene import WheelScene, truth_of
 from station.calibration.calibrate import observe_session
-from station.configuration.starter import default_config
+from station.configuration.places import default_config
 
 Array = NDArray[np.float64]
 
