@@ -15,7 +15,7 @@ from sensors.camera import CameraSettings
 from sensors.drivers.queued import Exposure, QueuedCamera
 from sensors.formats.shot import SHOT_FILE, FrameEntry, read_frame, read_shot_file
 from sensors.frames import FrameTolerance
-from sensors.heads import Rig, StereoHead
+from sensors.rig import Rig, StereoHead
 
 
 class RecordedCamera(QueuedCamera):

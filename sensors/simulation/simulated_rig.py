@@ -17,7 +17,7 @@ from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera
 from sensors.formats.truth import WheelTruth
 from sensors.frames import FrameTolerance
-from sensors.heads import Rig, StereoHead
+from sensors.rig import Rig, StereoHead
 from sensors.shot import WheelShot
 from sensors.simulation.render import camera_image
 from sensors.simulation.rigs import RIG_SPECS, build_rig

@@ -232,7 +232,7 @@ def event(
     from db.records import EventRecord, Severity
     from db.store import ResultStore
     from station.quality.periods import read_time
-    from station.quality.report_compare import TEMPERATURE
+    from station.quality.reports.compare import TEMPERATURE
 
     if (text is None) == (temperature is None):
         raise InputError(

@@ -129,9 +129,9 @@ def _certificate(
     from alignment.errors import ConfigurationError
     from db.exports.certificate import write_vehicle_certificate
     from db.queries import ResultReader, vin_history
-    from station.quality.gauge_store import load_study
+    from station.quality.gauge.certificate import write_study_certificate
+    from station.quality.gauge.store import load_study
     from station.quality.selection import newest_vin
-    from station.quality.study_certificate import write_study_certificate
 
     if vin is not None and study is not None:
         raise ConfigurationError(field="--vin, --study", expected="one of both", seen="both")

@@ -15,8 +15,8 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.selection import FromOption, UntilOption
 
 if TYPE_CHECKING:
-    from station.quality.gauge_analysis import GaugeReport
-    from station.quality.gauge_source import GaugeSource
+    from station.quality.gauge.analysis import GaugeReport
+    from station.quality.gauge.source import GaugeSource
 
 gauge_app = typer.Typer(
     no_args_is_help=True,
@@ -99,8 +99,8 @@ def type1_command(
 ) -> None:
     """Cg and Cgk: one master, measured again and again; exit status 1 when not capable."""
     from db.records import StudyKind
-    from station.quality.gauge_analysis import analyse_type1
-    from station.quality.gauge_source import open_source
+    from station.quality.gauge.analysis import analyse_type1
+    from station.quality.gauge.source import open_source
 
     source = open_source(
         StudyKind.TYPE1,
@@ -150,8 +150,8 @@ def grr_command(
     Columns part, appraiser, trial, value. Without appraisers, or with one, it is a study of type 3.
     """
     from db.records import StudyKind
-    from station.quality.gauge_analysis import analyse_grr
-    from station.quality.gauge_source import open_source
+    from station.quality.gauge.analysis import analyse_grr
+    from station.quality.gauge.source import open_source
 
     source = open_source(StudyKind.GRR, from_file, database, study, name, unit, {"tolerance": tolerance})
     with source.named_in_errors():
@@ -181,8 +181,8 @@ def linearity_command(
 ) -> None:
     """Bias over the range; exit status 1 when zero bias is outside of the band. Columns reference, value."""
     from db.records import StudyKind
-    from station.quality.gauge_analysis import analyse_linearity
-    from station.quality.gauge_source import open_source
+    from station.quality.gauge.analysis import analyse_linearity
+    from station.quality.gauge.source import open_source
 
     source = open_source(StudyKind.LINEARITY, from_file, database, study, name, unit, {})
     with source.named_in_errors():
@@ -211,8 +211,8 @@ def stability_command(
     Columns time, value.
     """
     from db.records import StudyKind
-    from station.quality.gauge_analysis import analyse_stability
-    from station.quality.gauge_source import open_source
+    from station.quality.gauge.analysis import analyse_stability
+    from station.quality.gauge.source import open_source
 
     source = open_source(
         StudyKind.STABILITY, from_file, database, study, name, unit, {"reference": reference}
@@ -274,9 +274,9 @@ def budget_command(
 
     Contributions from a file, from the files of gauge studies, or both.
     """
-    from station.quality.gauge_analysis import analyse_budget
-    from station.quality.gauge_budget import collect_components
-    from station.quality.gauge_source import GaugeSource
+    from station.quality.gauge.analysis import analyse_budget
+    from station.quality.gauge.budget import collect_components
+    from station.quality.gauge.source import GaugeSource
 
     given = [str(file) for file in (from_file, type1_file, grr_file) if file is not None]
     source = GaugeSource(", ".join(given), (), unit, {})
@@ -319,7 +319,7 @@ def plan_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Plan a study that live cycles will fill; shows the order in which to drive."""
-    from station.quality.gauge_plan import plan_from_text
+    from station.quality.gauge.plan import plan_from_text
 
     record = plan_from_text(
         database, kind, name, characteristic, part, appraiser or [], trials, tolerance, station, seed
@@ -344,7 +344,7 @@ def fill_command(
 
     The first cycle of a part is its first run of the plan, and so on. Filling again adds what came meanwhile.
     """
-    from station.quality.gauge_store import fill_study
+    from station.quality.gauge.store import fill_study
     from station.quality.periods import read_time
 
     filled = fill_study(
@@ -370,7 +370,7 @@ def fill_command(
 @gauge_app.command("list")
 def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
     """Show all studies, newest first."""
-    from station.quality.gauge_store import all_studies, planned_runs
+    from station.quality.gauge.store import all_studies, planned_runs
 
     found = [
         {

@@ -22,10 +22,10 @@ from station.commands.selection import (
     WheelOption,
     ZoneOption,
 )
-from station.quality.report_choices import ReportKind, SplitBy
+from station.quality.reports.choices import ReportKind, SplitBy
 
 if TYPE_CHECKING:
-    from station.quality.report import Report
+    from station.quality.reports.report import Report
 
 LONGEST_TABLE = 30
 
@@ -78,8 +78,8 @@ def report(
     from datetime import UTC, datetime
 
     from db.queries import Characteristic, ResultReader
-    from station.quality.make_report import ReportOptions, make_report, write_report
     from station.quality.periods import read_time
+    from station.quality.reports.make import ReportOptions, make_report, write_report
     from station.quality.selection import read_filter
 
     where = read_filter(

@@ -41,7 +41,7 @@ def utc_now() -> datetime:
 
 
 class ShootingRig(Protocol):
-    """What the cycle needs of a rig; `sensors.heads.Rig` is one."""
+    """What the cycle needs of a rig; `sensors.rig.Rig` is one."""
 
     name: str
 

@@ -21,7 +21,7 @@ from sensors.drivers.recorded import recorded_rig
 from sensors.formats import read_calibration_file, write_calibration
 from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE
-from sensors.heads import Rig
+from sensors.rig import Rig
 from station.configuration.settings import (
     Configuration,
     RecordedOptions,

@@ -24,7 +24,7 @@ from sensors.drivers.simulated import SimulatedCamera
 from sensors.formats import read_shot, write_shot
 from sensors.formats.shot import SHOT_FILE
 from sensors.frames import HOST_SPREAD_S, FrameComparison, FrameTolerance
-from sensors.heads import Rig, StereoHead
+from sensors.rig import Rig, StereoHead
 from sensors.shot import HeadFrames, WheelShot
 from tests.sensors.samples import TIME, StillClock, shot
 

@@ -15,7 +15,7 @@ from alignment.errors import (
 )
 from sensors.camera import Frame
 from sensors.drivers.simulated import Faults, SimulatedCamera
-from sensors.heads import Rig, StereoHead
+from sensors.rig import Rig, StereoHead
 from sensors.shot import HeadFrames, WheelShot
 from tests.sensors.samples import TIME, StillClock
 

@@ -19,7 +19,7 @@ from db.upkeep import retention
 from db.upkeep.retention import Policy, enforce, kept, leaving
 from station.cli import app
 from station.configuration.settings import read_configuration
-from station.quality.report_compare import TEMPERATURE
+from station.quality.reports.compare import TEMPERATURE
 from tests.db.example_records import CALIBRATION, cycle, shot, station
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -13,7 +13,7 @@ import pytest
 
 from db.queries import Characteristic
 from db.records import StudyKind
-from station.quality.gauge_store import plan_study
+from station.quality.gauge.store import plan_study
 from tests.station.quality.conftest import PER_STATION, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]

@@ -19,10 +19,10 @@ from alignment.statistics.choices import GrrMethod, Judgement
 from db.queries import Characteristic, Filter, ResultReader, value_series
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.csv_table import read_table
-from station.quality.gauge_analysis import analyse_grr, analyse_stability, analyse_type1
-from station.quality.gauge_file import GaugeRow
+from station.quality.gauge.analysis import analyse_grr, analyse_stability, analyse_type1
+from station.quality.gauge.certificate import write_study_certificate
+from station.quality.gauge.file import GaugeRow
 from station.quality.periods import read_time
-from station.quality.study_certificate import write_study_certificate
 from tests.station.quality.conftest import HIGH_DEG, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]

@@ -16,9 +16,10 @@ from alignment.errors import ConfigurationError, InputError
 from db.queries import Characteristic, Filter, ResultReader, gauge_studies, gauge_study, value_series
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.store import ResultStore
-from station.quality.gauge_file import GaugeRow
-from station.quality.gauge_source import RADIANS
+from station.quality.gauge.file import GaugeRow
 
+RADIANS = "rad"
+"""Unit of what the station measures."""
 _RUNS, _FROM_CYCLES = "order", "cycles"
 
 

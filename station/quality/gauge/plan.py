@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from alignment.errors import ConfigurationError
 from db.queries import Characteristic
 from db.records import GaugeStudyRecord, StudyKind
-from station.quality.gauge_store import plan_study
+from station.quality.gauge.store import plan_study
 
 _LEAST_PARTS = {StudyKind.TYPE1: 1, StudyKind.STABILITY: 1, StudyKind.GRR: 2, StudyKind.LINEARITY: 2}
 _ONE_PART = (StudyKind.TYPE1, StudyKind.STABILITY)

@@ -13,9 +13,9 @@ from alignment.statistics.grr import GaugeData, grr
 from alignment.statistics.moments import deviations, moments
 from alignment.statistics.type1 import LEAST_VALUES, USUAL_VALUES
 from db.records import StudyKind
-from station.quality.gauge_analysis import without_appraiser
-from station.quality.gauge_file import read_budget_file, read_gauge_file
-from station.quality.gauge_source import COLUMNS, GaugeSource
+from station.quality.gauge.analysis import without_appraiser
+from station.quality.gauge.file import read_budget_file, read_gauge_file
+from station.quality.gauge.source import COLUMNS, GaugeSource
 
 
 def collect_components(

@@ -14,10 +14,10 @@ import pytest
 
 from alignment.statistics.choices import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader, ValueSeries, value_series
-from station.quality.make_report import ReportOptions, make_report
-from station.quality.report import Report
-from station.quality.report_choices import ReportKind, SplitBy
-from station.quality.report_values import comparable
+from station.quality.reports.choices import ReportKind, SplitBy
+from station.quality.reports.make import ReportOptions, make_report
+from station.quality.reports.report import Report
+from station.quality.reports.values import comparable
 from tests.station.quality.conftest import HIGH_DEG, PER_STATION, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]

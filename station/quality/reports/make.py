@@ -10,12 +10,12 @@ from pathlib import Path
 from alignment.errors import ConfigurationError
 from alignment.statistics.choices import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader
-from station.quality.report import Report, Section, in_words
-from station.quality.report_choices import TITLES, ReportKind, SplitBy
-from station.quality.report_compare import compare_sections, drift_section
-from station.quality.report_counts import pareto_section, yield_section
-from station.quality.report_trace import since_check_sections, vin_sections
-from station.quality.report_values import capability_section, chart_sections
+from station.quality.reports.choices import TITLES, ReportKind, SplitBy
+from station.quality.reports.compare import compare_sections, drift_section
+from station.quality.reports.counts import pareto_section, yield_section
+from station.quality.reports.report import Report, Section, in_words
+from station.quality.reports.trace import since_check_sections, vin_sections
+from station.quality.reports.values import capability_section, chart_sections
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,11 @@ def write_report(path: Path, report: Report) -> None:
     """
     ending = path.suffix.lower()
     if ending == ".html":
-        from station.quality.report_html import write_html
+        from station.quality.reports.html import write_html
 
         write_html(path, report)
     elif ending == ".pdf":
-        from station.quality.report_pdf import write_pdf
+        from station.quality.reports.pdf import write_pdf
 
         write_pdf(path, report)
     else:

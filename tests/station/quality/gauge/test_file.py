@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment.errors import FormatError
-from station.quality.gauge_file import GaugeRow, read_gauge_file
+from station.quality.gauge.file import GaugeRow, read_gauge_file
 
 GOOD = "part,appraiser,trial,value\n1,A,1,0.29\n1,A,2,0.41\n2,B,1,-0.56\n"
 

@@ -27,8 +27,8 @@ from db.queries import (
 )
 from db.records import EventRecord
 from station.quality.pictures import Picture, Trace
-from station.quality.report import Row, Section, shown_time
-from station.quality.report_values import NEWEST, comparable, in_degrees, times, wheel_angles
+from station.quality.reports.report import Row, Section, shown_time
+from station.quality.reports.values import NEWEST, comparable, in_degrees, times, wheel_angles
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from db.exports.pdf import Document
 from station.quality.pictures import as_figure
-from station.quality.report import Report, Section
+from station.quality.reports.report import Report, Section
 
 LONGEST_TABLE = 500
 _COLUMNS = 9

@@ -10,7 +10,7 @@ from uuid import UUID
 from alignment.errors import InputError
 from db.exports.rows import angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
-from station.quality.report import Row, Section, shown_time
+from station.quality.reports.report import Row, Section, shown_time
 
 _LONGEST = 300
 

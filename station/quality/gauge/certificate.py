@@ -10,14 +10,14 @@ from alignment.errors import InputError
 from alignment.statistics.choices import GrrMethod
 from db.exports.pdf import Document
 from db.records import StoredGaugeStudy, StudyKind
-from station.quality.gauge_analysis import (
+from station.quality.gauge.analysis import (
     GaugeReport,
     analyse_grr,
     analyse_linearity,
     analyse_stability,
     analyse_type1,
 )
-from station.quality.gauge_source import GaugeSource, source_of
+from station.quality.gauge.source import GaugeSource, source_of
 
 _LONGEST_RAW = 1000
 

@@ -18,10 +18,10 @@ from db.queries import Characteristic
 from db.records import StudyKind, VehicleRecord
 from db.store import ResultStore
 from station.cli import main
-from station.quality.gauge_analysis import analyse_grr
-from station.quality.gauge_plan import plan_from_text
-from station.quality.gauge_source import open_source, source_of
-from station.quality.gauge_store import all_studies, fill_study, load_study, plan_study
+from station.quality.gauge.analysis import analyse_grr
+from station.quality.gauge.plan import plan_from_text
+from station.quality.gauge.source import open_source, source_of
+from station.quality.gauge.store import all_studies, fill_study, load_study, plan_study
 from tests.db.example_records import CALIBRATION, cycle, refused_wheel, wheel
 
 VINS = ("GAUGEVEHICLE00001", "GAUGEVEHICLE00002", "GAUGEVEHICLE00003")

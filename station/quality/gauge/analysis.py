@@ -29,8 +29,8 @@ from alignment.statistics.spread import ALL_EQUAL, CURE, coarse_step
 from alignment.statistics.stability import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
 from alignment.statistics.type1 import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
 from station.figures import Goal, Row, StudyResult
-from station.quality import gauge_pictures as pictures
-from station.quality.gauge_file import GaugeRow
+from station.quality.gauge import pictures
+from station.quality.gauge.file import GaugeRow
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from datetime import datetime
 
 from db.queries import Filter, GroupBy, ResultReader, YieldCounts, reasons, wheel_counts, yield_counts
 from station.quality.pictures import Picture, Trace
-from station.quality.report import Row, Section
+from station.quality.reports.report import Row, Section
 
 _LONGEST_PARETO = 20
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from alignment.errors import ConfigurationError, DegenerateInputError
 from db.records import GaugeValueRecord, StoredGaugeStudy, StudyKind
-from station.quality.gauge_file import GaugeRow, read_gauge_file
+from station.quality.gauge.file import GaugeRow, read_gauge_file
+from station.quality.gauge.store import RADIANS, load_study, store_rows
 
 COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {
     StudyKind.TYPE1: ("value",),
@@ -22,7 +23,7 @@ COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {
     StudyKind.STABILITY: ("value",),
 }
 """What a file of each study needs at least."""
-RADIANS, DEGREES = "rad", "deg"
+DEGREES = "deg"
 
 
 @dataclass(frozen=True)
@@ -107,11 +108,7 @@ def open_source(
         rows = read_gauge_file(file, COLUMNS[kind])
         if database is None or name is None:
             return GaugeSource(str(file), rows, unit, plan)
-        from station.quality.gauge_store import store_rows
-
         return source_of(store_rows(database, kind, name, rows, unit, plan, str(file)))
-    from station.quality.gauge_store import load_study
-
     assert database is not None
     assert study is not None
     return source_of(load_study(database, kind, study))

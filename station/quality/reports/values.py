@@ -26,8 +26,8 @@ from alignment.statistics.rules import rule_texts
 from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
 from station.quality.pictures import Picture, Trace
-from station.quality.report import Row, Section, in_words, shown_time
-from station.quality.report_choices import SplitBy
+from station.quality.reports.choices import SplitBy
+from station.quality.reports.report import Row, Section, in_words, shown_time
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from db.exports.tables import replaced
 from station.quality.pictures import as_html
-from station.quality.report import Report, Row, Section
+from station.quality.reports.report import Report, Row, Section
 
 LONGEST_TABLE = 5000
 _LONG = 40

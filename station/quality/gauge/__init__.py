@@ -1,0 +1,1 @@
+"""Gauge studies: planned, filled, analysed, certified."""

@@ -1,0 +1,1 @@
+"""Reports of results: what they count and compare, and how they are shown."""
