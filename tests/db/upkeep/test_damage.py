@@ -11,7 +11,6 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from tests.db.test_hash_chain import EVENT
 from typer.testing import CliRunner
 
 from alignment.errors import StoreDamagedError, StoreError, TruewheelError
@@ -38,6 +37,7 @@ from tests.db.example_records import (
     study_value,
     zero,
 )
+from tests.db.rows.test_chain import EVENT
 
 VIN = "TRUEWHEEL00000003"
 # What a cell may hold after a mistake, a tool or a bad disk: SQL expressions.

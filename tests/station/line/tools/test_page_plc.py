@@ -16,7 +16,6 @@ from collections.abc import Iterator
 
 import can
 import pytest
-from tests.station.line.test_plc import SmallStation
 
 from station.cycle.words import (
     Abort,
@@ -37,6 +36,7 @@ from station.line.wire.messages import CommandCode, HandshakeState
 from tests.documents import snippets
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows
+from tests.station.line.plc.test_simulator import SmallStation
 from tests.structured_text import names_of, translated
 
 DATABASE = load_line_database(DBC)

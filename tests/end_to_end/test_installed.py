@@ -1,0 +1,82 @@
+"""The program as it is installed: a wheel in an environment of its own, used in an empty folder."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import site
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The command `truewheel` of an environment that holds the wheel and what it depends on."""
+    folder = tmp_path_factory.mktemp("installed")
+    source = folder / "source"
+    tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=False)
+    if tracked.returncode != 0:
+        pytest.skip("no checkout: which files belong to the program is not known")
+    for name in filter(None, tracked.stdout.decode().split("\0")):
+        if not name.startswith("tests/") and (ROOT / name).exists():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, source / name)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
+    built = subprocess.run(
+        [*pip, "wheel", "--no-deps", "--wheel-dir", folder, source],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if built.returncode != 0 and "setuptools" in built.stderr:
+        pytest.skip("no package index within reach, from which the build's setuptools could come")
+    assert built.returncode == 0, built.stderr
+    environment = folder / "environment"
+    venv.create(environment, with_pip=False)
+    packages = environment / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
+    # The dependencies are those of this environment; the checkout is not among them.
+    own = [path for path in [*site.getsitepackages(), *sys.path] if Path(path).name == "site-packages"]
+    (packages / "dependencies.pth").write_text("\n".join(dict.fromkeys(own)) + "\n")
+    [wheel] = folder.glob("*.whl")
+    command = [*pip, "--python", environment / "bin" / "python", "install", "--no-deps", "--no-index", wheel]
+    subprocess.run(command, check=True, capture_output=True)
+    # What is compiled already need not be compiled again: the stamps are of contents, not of places.
+    for cached in [*ROOT.glob("alignment/**/*.nb[ic]"), *ROOT.glob("sensors/**/*.nb[ic]")]:
+        target = packages / cached.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(cached, target)
+    return environment / "bin" / "truewheel"
+
+
+def run(program: Path, folder: Path, *arguments: str, timeout_s: float = 280.0) -> str:
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    ended = subprocess.run(
+        [program, *arguments],
+        cwd=folder,
+        env=clean,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path: Path) -> None:
+    """The wheel carried no configurations: outside of a checkout these verbs ended with status 2."""
+    assert "wrote" in run(program, tmp_path, "init", "home")
+    assert "is sound" in run(program, tmp_path, "config", "check", "home/configs/station.toml")
+    assert "28 of 28 points passed" in run(program, tmp_path, "line", "check", "--simulated")
+    assert "station" in run(program, tmp_path, "schema", "station")
+    run(program, tmp_path, "simulate", "plate-session", "--seed", "3", "--views", "3", "--head", "head_1",
+        "--out", "plate")  # fmt: skip
+    assert (tmp_path / "plate" / "session.json").is_file()
+    # Nothing was written beside the program.
+    assert not list((program.parents[1]).rglob("*.db"))
