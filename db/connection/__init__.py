@@ -4,7 +4,7 @@ from db.connection.engine import describe, look_at_files, make_engine, parse_url
 from db.connection.failures import store_errors
 from db.connection.files import WatchedConnection
 from db.connection.lock import station_lock
-from db.connection.migrate import (
+from db.connection.revisions import (
     check_revision,
     current_revision,
     head_revision,

@@ -1,1 +1,1 @@
-"""Every schema revision of the result store, in order; `db.connection.migrate` runs them."""
+"""Every schema revision of the result store, in order; `db.connection.revisions` runs them."""

@@ -1,4 +1,4 @@
-"""How alembic runs a migration here: on the connection and in the transaction of `db.connection.migrate`."""
+"""How alembic runs a migration here: on the connection and in the transaction that it is given."""
 
 from alembic import context
 

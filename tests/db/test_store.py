@@ -167,7 +167,7 @@ def test_a_clock_set_back_during_a_cycle_does_not_lose_it(store: ResultStore) ->
 def test_more_cycles_than_a_statement_takes_parameters(
     store: ResultStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(db.rows, "PORTION", 3)
+    monkeypatch.setattr(db.rows.reading, "PORTION", 3)
     records = [cycle() for _ in range(7)]
     for record in records:
         store.write_cycle(record)

@@ -11,7 +11,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import Connection, Engine, inspect, text
 
-import db.connection.migrate
+import db.connection.revisions
 from alignment.errors import StoreSchemaError, StoreUnavailableError
 from db.connection import current_revision, head_revision, make_engine, migrate, parse_url
 from db.schema import metadata
@@ -123,7 +123,7 @@ def test_an_older_database_is_refused_with_the_command_that_cures_it(
 ) -> None:
     migrate(empty_database_url)
     current = head_revision()
-    monkeypatch.setattr(db.connection.migrate, "_revisions", lambda: [current, "9999"])
+    monkeypatch.setattr(db.connection.revisions, "_revisions", lambda: [current, "9999"])
     with pytest.raises(StoreSchemaError) as caught:
         ResultStore(empty_database_url).open()
     assert f"has revision {current}, older than revision 9999" in str(caught.value)
@@ -176,8 +176,8 @@ def test_a_migration_that_fails_leaves_the_database_as_it_was(
     def fail(*_: object) -> None:
         raise KeyboardInterrupt
 
-    upgrade = db.connection.migrate.command.upgrade
-    monkeypatch.setattr(db.connection.migrate.command, "upgrade", lambda *given: (upgrade(*given), fail()))
+    upgrade = db.connection.revisions.command.upgrade
+    monkeypatch.setattr(db.connection.revisions.command, "upgrade", lambda *given: (upgrade(*given), fail()))
     with pytest.raises(KeyboardInterrupt):
         migrate(empty_database_url)
     monkeypatch.undo()

@@ -10,7 +10,7 @@ from sqlalchemy import Connection, text
 
 from alignment.errors import StoreSchemaError
 from db.connection import make_engine, parse_url
-from db.connection.migrate import _revisions, current_revision, head_revision, migrate
+from db.connection.revisions import _revisions, current_revision, head_revision, migrate
 from db.records import ArchiveRemoval, CycleRecord, EventRecord, Severity
 from db.rows import write_record
 from db.schema import (
