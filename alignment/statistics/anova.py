@@ -32,8 +32,8 @@ class Source:
     df, squares
         Degrees of freedom and sum of squares.
     f, p
-        F statistic and the probability of a larger one by chance; None for residual and total, and where the
-        denominator is zero.
+        F statistic and the probability of a larger one by chance; None for residual and total, and where
+        nothing is compared with nothing. Something over nothing is an infinite F: no F, probability 0.
     """
 
     name: str
@@ -152,7 +152,7 @@ def tested_against(source: Source, denominator: Source) -> Source:
 def _tested(name: str, df: int, squares: float, denominator: Source) -> Source:
     line = Source(name, df, squares)
     if denominator.mean_square <= 0.0:
-        return line
+        return replace(line, p=0.0) if line.mean_square > 0.0 else line
     f = line.mean_square / denominator.mean_square
     return Source(name, df, squares, f, float(stats.f.sf(f, df, denominator.df)))
 

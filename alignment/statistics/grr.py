@@ -71,7 +71,8 @@ class GrrResult:
     part_variation
         Between parts.
     interaction_p
-        Chance probability of the interaction; None where not tested.
+        Chance probability of the interaction; 0 where no trial was repeated differently, so that it is none;
+        None where not tested.
     pooled
         Whether the interaction was taken into repeatability.
     table

@@ -97,11 +97,31 @@ class LinearityResult:
     def acceptable(self) -> bool | None:
         """Whether the line of zero bias lies within the band over the whole range (AIAG).
 
-        None when no master was ever read differently: a band without spread holds nothing or everything.
+        The range goes from the smallest to the largest master; between them the band is narrower than at
+        both. None when no master was ever read differently: a band without spread holds nothing or all.
         """
         if not any(bias.deviation > 0.0 for bias in self.biases):
             return None
-        return not self.outside_band
+        low, high = self.band(np.array([self.worst_reference]))
+        return not (low[0] > 0.0 or high[0] < 0.0)
+
+    @property
+    def worst_reference(self) -> float:
+        """Value within the masters' range where the line exceeds half the band the most (in squares)."""
+        first, last = self.biases[0].reference, self.biases[-1].reference
+        t = stats.t.ppf(0.5 + self.confidence / 2, self.n - 2)
+        opening = float(t * self.residual_deviation) ** 2 / self.reference_squares
+        middle = self.intercept + self.slope * self.reference_mean
+        # (middle + slope u)² - opening (squares/n + u²), a parabola in u, the distance from the mean.
+        places = [first, last]
+        if opening > self.slope**2:
+            peak = self.reference_mean + self.slope * middle / (opening - self.slope**2)
+            places.append(min(max(peak, first), last))
+        u = np.array(places) - self.reference_mean
+        excess = np.square(middle + self.slope * u) - opening * (
+            self.reference_squares / self.n + np.square(u)
+        )
+        return places[int(excess.argmax())]
 
     @property
     def outside_band(self) -> int:

@@ -1,7 +1,8 @@
 """Run rules of control charts, on values in units of sigma from the centre.
 
 Sources: Western Electric, Statistical Quality Control Handbook (1956), with a run of eight on one side;
-Nelson, Journal of Quality Technology 16 (1984), eight tests with a run of nine.
+Nelson, Journal of Quality Technology 16 (1984), eight tests with a run of nine. A pattern signals at the
+point that completes it, at the start of a series too: two of two points beyond 2 sigma are two of three.
 """
 
 from __future__ import annotations
@@ -49,16 +50,21 @@ def signals(z: ArrayLike, rules: RuleSet) -> tuple[Signal, ...]:
     return tuple(sorted(found, key=lambda signal: (signal.index, signal.rule)))
 
 
+def rule_source(rules: RuleSet) -> str:
+    """Who set these rules up."""
+    return _SOURCES[rules]
+
+
 def rule_texts(rules: RuleSet) -> tuple[str, ...]:
     """What each rule of a set looks for; the first is rule 1."""
     return tuple(text for text, _ in _SETS[rules])
 
 
 def _of_last(flags: Flags, least: int, window: int) -> Flags:
-    """Points at which at least `least` of the last `window` flags are set."""
+    """Points at which at least `least` of the last `window` flags are set, or of those that there are."""
     counts = np.cumsum(np.concatenate([np.zeros(window), flags]))
     enough: Flags = counts[window:] - counts[:-window] >= least
-    return enough & (np.arange(len(flags)) >= window - 1)
+    return enough
 
 
 def _same_side(beyond: float, least: int, window: int) -> Callable[[Array], Flags]:
@@ -92,13 +98,19 @@ def _quiet(z: Array) -> Flags:
 
 
 def _mixture(z: Array) -> Flags:
-    return _of_last(np.abs(z) > 1.0, 8, 8)
+    # On one side alone four of five beyond 1 sigma tell it already, as a shift, which it then is.
+    return _of_last(np.abs(z) > 1.0, 8, 8) & _of_last(z > 1.0, 1, 8) & _of_last(z < -1.0, 1, 8)
 
 
 _Rule = tuple[str, Callable[[Array], Flags]]
 _FIRST: _Rule = ("one point beyond 3 sigma", _outside)
 _TWO_OF_THREE: _Rule = ("two of three points beyond 2 sigma on one side", _same_side(2.0, 2, 3))
 _FOUR_OF_FIVE: _Rule = ("four of five points beyond 1 sigma on one side", _same_side(1.0, 4, 5))
+_SOURCES = {
+    RuleSet.THREE_SIGMA: "Shewhart 1931",
+    RuleSet.WESTERN_ELECTRIC: "Western Electric, Statistical Quality Control Handbook, 1956",
+    RuleSet.NELSON: "Nelson, Journal of Quality Technology 16, 1984",
+}
 _SETS: dict[RuleSet, tuple[_Rule, ...]] = {
     RuleSet.THREE_SIGMA: (_FIRST,),
     RuleSet.WESTERN_ELECTRIC: (

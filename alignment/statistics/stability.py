@@ -20,6 +20,10 @@ from alignment.statistics.moments import as_values, moments
 
 Array = NDArray[np.float64]
 
+_DAY_S = 86_400.0
+
+LEAST_SPAN_DAYS = 1.0
+"""A change per day is told of values that span a day: of minutes it would be their noise, times hundreds."""
 LEAST_POINTS, USUAL_POINTS = 8, 20
 """A chart of fewer points can hardly signal: its limits come from the same few; and what a study has."""
 
@@ -35,7 +39,7 @@ class StabilityResult:
     deviation
         Standard deviation of all values: the gauge's contribution over the time of the study.
     drift
-        Change per day; None without times or for values of one instant.
+        Change per day; None without times, or for values that span less than a day.
     drift_p
         Chance probability of such a drift of a stable gauge.
     bias
@@ -84,7 +88,7 @@ def stability(
             expected="at least 3 values", seen=str(len(found)), cure=f"{USUAL_POINTS} are usual"
         )
     chart = control_chart(ChartKind.INDIVIDUALS if size == 1 else kind, found, rules, size=size)
-    drift, drift_p = (None, None) if times_s is None else drift_of(found, as_values(times_s) / 86_400.0)
+    drift, drift_p = (None, None) if times_s is None else drift_per_day(found, times_s)
     return StabilityResult(
         chart,
         moments(found).deviation,
@@ -92,6 +96,14 @@ def stability(
         drift_p,
         None if reference is None else bias(found, reference),
     )
+
+
+def drift_per_day(values: ArrayLike, times_s: ArrayLike) -> tuple[float | None, float | None]:
+    """As `drift_of`, over (N,) seconds; None for both where these span less than `LEAST_SPAN_DAYS`."""
+    days = as_values(times_s) / _DAY_S
+    if not len(days) or np.ptp(days) < LEAST_SPAN_DAYS:
+        return None, None
+    return drift_of(values, days)
 
 
 def drift_of(values: ArrayLike, at: ArrayLike) -> tuple[float | None, float | None]:

@@ -138,6 +138,16 @@ def grr_command(
         float,
         typer.Option(callback=require_finite, help="Study variation in standard deviations.", min=1, max=12),
     ] = 6.0,
+    pooling_p: Annotated[
+        float,
+        typer.Option(
+            callback=require_finite,
+            help="An interaction that arises by chance with more than this probability counts as "
+            "repeatability (AIAG 0.25; others take 0.05).",
+            min=0,
+            max=1,
+        ),
+    ] = 0.25,
     ignore_appraiser: Annotated[
         bool, typer.Option("--ignore-appraiser", help="Type 3: without appraisers.")
     ] = False,
@@ -160,6 +170,7 @@ def grr_command(
             method,
             tolerance=source.number("tolerance", tolerance),
             multiplier=multiplier,
+            pooling_p=pooling_p,
             ignore_appraiser=ignore_appraiser,
             unit=source.unit,
         )
@@ -397,7 +408,7 @@ def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
 
 
 def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json: bool) -> None:
-    """Print, write, and end with status 1 when a limit was missed."""
+    """Print, write, and end with status 1 when a limit was missed or nothing could be judged."""
     from station.figures import write_study
 
     files = [] if out is None else write_study(report, report.result, out)
@@ -405,7 +416,7 @@ def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json:
         print_json(report.as_json() | {"source": source.name, "files": [str(file) for file in files]})
     else:
         _show(report, source, files)
-    if report.result.missed:
+    if report.result.missed or report.no_verdict:
         raise typer.Exit(GOAL_MISSED)
 
 

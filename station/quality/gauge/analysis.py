@@ -18,6 +18,7 @@ from alignment.statistics.grr import (
     ACCEPTABLE_PERCENT,
     CONDITIONAL_PERCENT,
     LEAST_NDC,
+    POOLING_P,
     USUAL_PARTS,
     GaugeData,
     GrrResult,
@@ -25,6 +26,7 @@ from alignment.statistics.grr import (
 )
 from alignment.statistics.linearity import linearity
 from alignment.statistics.moments import deviations
+from alignment.statistics.rules import rule_source
 from alignment.statistics.spread import ALL_EQUAL, CURE, coarse_step
 from alignment.statistics.stability import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
 from alignment.statistics.type1 import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
@@ -89,6 +91,7 @@ def analyse_grr(
     *,
     tolerance: float | None = None,
     multiplier: float = 6.0,
+    pooling_p: float = POOLING_P,
     ignore_appraiser: bool = False,
     unit: str = "",
 ) -> GaugeReport:
@@ -98,7 +101,7 @@ def analyse_grr(
     data = GaugeData(
         [row.part for row in rows], values, None if type3 else [row.appraiser for row in rows], offset
     )
-    found = grr(data, method, tolerance=tolerance, multiplier=multiplier)
+    found = grr(data, method, tolerance=tolerance, multiplier=multiplier, pooling_p=pooling_p)
     components = {
         "grr": found.grr,
         "repeatability": found.repeatability,
@@ -109,9 +112,11 @@ def analyse_grr(
         "total_variation": found.total_variation,
     }
     seen = found.repeated_differently
+    # Trials that are all alike show no repeatability; what appraisers do differently is seen all the same.
+    some = seen or found.grr > 0.0
     percents = {name: _number(found.percent_study_variation(value)) for name, value in components.items()}
     figures: dict[str, float] = {
-        "grr_percent_study_variation": percents["grr"] if seen else math.nan,
+        "grr_percent_study_variation": percents["grr"] if some else math.nan,
         "ndc": math.nan if found.ndc is None else found.ndc,
         "repeatability": found.repeatability,
         "reproducibility": found.reproducibility,
@@ -126,7 +131,7 @@ def analyse_grr(
     goals = [Goal("grr_percent_study_variation", "at_most", CONDITIONAL_PERCENT)]
     percent_tolerance = found.percent_tolerance(found.grr)
     if percent_tolerance is not None:
-        figures["grr_percent_tolerance"] = percent_tolerance if seen else math.nan
+        figures["grr_percent_tolerance"] = percent_tolerance if some else math.nan
         goals.append(Goal("grr_percent_tolerance", "at_most", CONDITIONAL_PERCENT))
     rows_out: list[Row] = [
         {
@@ -150,6 +155,7 @@ def analyse_grr(
         "tolerance": tolerance,
         "interaction_p": found.interaction_p,
         "interaction_pooled": found.pooled,
+        "pooling_p": pooling_p,
         "anova": [
             {"source": s.name, "df": s.df, "ss": s.squares, "ms": s.mean_square, "f": s.f, "p": s.p}
             for s in found.table
@@ -242,13 +248,17 @@ def analyse_linearity(rows: Sequence[GaugeRow], *, confidence: float = 0.95, uni
         "intercept_p": _number(found.intercept_p),
         "largest_bias": max((each.bias for each in found.biases), key=abs),
         "significant_biases": sum(bool(each.significant) for each in found.biases),
-        "zero_outside_band": math.nan if found.acceptable is None else found.outside_band,
+        "zero_outside_band": math.nan if found.acceptable is None else float(not found.acceptable),
+        "masters_outside_band": found.outside_band,
+        "worst_reference": found.worst_reference,
     }
     assessment = {
         True: "The line of no bias lies within the confidence band: the gauge is linear",
         False: "The line of no bias leaves the confidence band: the gauge has a bias or a linearity error",
         None: f"No repetition on a master differs from another: the resolution is too coarse: {CURE}",
     }[found.acceptable]
+    if found.acceptable is False and not found.outside_band:
+        assessment += f", between the masters, at {found.worst_reference:.6g} {unit}".rstrip()
     result = StudyResult(
         tuple(
             {
@@ -313,7 +323,8 @@ def analyse_stability(
         figures["bias"] = found.bias.bias
     assessment = _stability_assessment(found) + _coarse(values)
     if found.drift_p is not None and found.drift_p < 0.01 and found.drift is not None:
-        assessment += f"; drift of {found.drift:+.3g} a day (p {found.drift_p:.2g})"
+        per_day = f"{unit} a day" if unit else "a day"
+        assessment += f"; drift of {found.drift:+.3g} {per_day} (p {found.drift_p:.2g})"
     result = StudyResult(
         tuple(
             {"point": index + 1, "value": offset + float(value), "signals": _signals(chart.location, index)}
@@ -321,10 +332,16 @@ def analyse_stability(
         ),
         figures,
         (Goal("signals_location", "at_most", 0.0), Goal("signals_spread", "at_most", 0.0)),
-        f"{len(values)} values, {chart.kind} chart, rules {rules}. {assessment}.",
+        f"{len(values)} values, {chart.kind} chart, rules {rules} ({rule_source(rules)}). {assessment}.",
         {"gauge-stability": pictures.chart_picture(chart, offset, unit)},
     )
-    facts: dict[str, Any] = {"chart": str(chart.kind), "rules": str(rules), "size": chart.size, "unit": unit}
+    facts: dict[str, Any] = {
+        "chart": str(chart.kind),
+        "rules": str(rules),
+        "rules_source": rule_source(rules),
+        "size": chart.size,
+        "unit": unit,
+    }
     return GaugeReport(
         "gauge-stability", "The same master over time.", result, facts, assessment, found.stable is None
     )

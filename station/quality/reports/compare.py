@@ -13,7 +13,7 @@ from scipy import stats
 
 from alignment.statistics.moments import Moments, merged
 from alignment.statistics.moments import moments as moments_of
-from alignment.statistics.stability import drift_of
+from alignment.statistics.stability import drift_of, drift_per_day
 from db.queries import (
     Characteristic,
     Filter,
@@ -74,9 +74,10 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
         "Drift, calibrations, temperature",
         rows,
         {"influences": len(rows), "significant_influences": len(relevant)},
-        f"Newest {NEWEST} values. Over time: change per day. Calibration: mean of up to {_STEP} values after "
-        f"a new calibration less mean of those before. Temperature: change per kelvin, from events with the "
-        f"code '{TEMPERATURE}'. Limits for 95 %; the product changes too, so this shows where to look.",
+        f"Newest {NEWEST} values. Over time: change per day, of values that span a day at least. "
+        f"Calibration: mean of up to {_STEP} values after a new calibration less mean of those before. "
+        f"Temperature: change per kelvin, from events with the code '{TEMPERATURE}'. Limits for 95 %; "
+        "the product changes too, so this shows where to look.",
         pictures,
         brief=("characteristic", "station", "influence", "change", "low", "high", "p"),
     )
@@ -188,7 +189,7 @@ def _confidence(value: float, error: float, df: float) -> tuple[float | None, fl
 
 
 def _drift(values: Array, at: Array) -> list[dict[str, str | float | int | None]]:
-    slope, p = drift_of(values, (at - at[0]) / _DAY_S)
+    slope, p = drift_per_day(values, at - at[0])
     if slope is None:
         return []
     return [_influence("over time", "degrees per day", slope, p, len(values), values, (at - at[0]) / _DAY_S)]

@@ -22,7 +22,7 @@ from alignment.statistics.capability import (
 from alignment.statistics.charts import Baseline, ControlChart, Track, control_chart
 from alignment.statistics.choices import ChartKind, Judgement, RuleSet
 from alignment.statistics.moments import Moments
-from alignment.statistics.rules import rule_texts
+from alignment.statistics.rules import rule_source, rule_texts
 from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
 from db.queries import Moments as StoredMoments
 from station.quality.pictures import Picture, Trace
@@ -207,8 +207,9 @@ def chart_sections(
                 "signals": len(signals),
                 "charts_without_spread": sum(row["signals"] is None for row in rows),
             },
-            f"Rules {rules}: {texts}. The newest {NEWEST} values in the order of storing. Where vehicle "
-            "types differ in their limits, values are taken from the middle of their own limits. "
+            f"Rules {rules} ({rule_source(rules)}): {texts}. "
+            f"The newest {NEWEST} values in the order of storing. Where vehicle types differ in their "
+            "limits, values are taken from the middle of their own limits. "
             "Equal values have no spread, so their chart has no limits and judges nothing."
             + ("" if baseline is None else f" Control limits: {in_words(baseline)}."),
             pictures,

@@ -171,3 +171,55 @@ def test_budget_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     status, out, err = gauge(capsys, "budget", "--from-file", tmp_path / "b.csv", "--tolerance", "0.2")
     assert (status, out) == (2, "")
     assert "line 3, column contribution" in err
+
+
+def test_zero_outside_the_band_between_the_masters_misses_the_goal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"{ref},{ref + error:.3f}" for ref in (0, 10) for error in 3 * (0.037, -0.003)]
+    (tmp_path / "masters.csv").write_text("reference,value\n" + "\n".join(lines))
+    status, found = figures(capsys, "linearity", "--from-file", tmp_path / "masters.csv", "--unit", "mm")
+    assert status == 1
+    assert found["figures"]["zero_outside_band"] == 1.0
+    assert found["figures"]["masters_outside_band"] == 0
+    assert "between the masters, at 5 mm" in found["assessment"]
+
+
+def test_trials_that_are_all_alike_show_the_interaction_and_no_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = [("1", "1.2"), ("2", "2"), ("3", "2.7"), ("4", "4.1"), ("5", "5.3")]
+    lines = [
+        f"{part},{name},{trial},{value}"
+        for part, pair in enumerate(cells, start=1)
+        for name, value in zip("AB", pair, strict=True)
+        for trial in (1, 2)
+    ]
+    (tmp_path / "alike.csv").write_text("part,appraiser,trial,value\n" + "\n".join(lines))
+    status, found = figures(capsys, "grr", "--from-file", tmp_path / "alike.csv")
+    assert status == 1
+    assert found["figures"]["repeatability"] == 0.0
+    assert found["figures"]["grr"] == pytest.approx(0.1628, abs=5e-5)
+    assert found["figures"]["grr_percent_study_variation"] == pytest.approx(10.09, abs=5e-3)
+    assert found["figures"]["ndc"] == 13
+    assert found["verdict"] == "no verdict"
+
+
+def test_the_pooling_level_is_a_choice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(9)
+    cells = rng.normal(0.0, 1.0, 5)[:, None] + rng.normal(0.0, 0.12, (5, 2))
+    lines = [
+        f"{part},{name},{trial},{cells[part, who] + rng.normal(0.0, 0.1):.4f}"
+        for part in range(5)
+        for who, name in enumerate("AB")
+        for trial in (1, 2)
+    ]
+    (tmp_path / "study.csv").write_text("part,appraiser,trial,value\n" + "\n".join(lines))
+    kept = figures(capsys, "grr", "--from-file", tmp_path / "study.csv")[1]
+    p = kept["interaction_p"]
+    assert 0.05 < p < 0.25
+    assert not kept["interaction_pooled"]
+    pooled = figures(capsys, "grr", "--from-file", tmp_path / "study.csv", "--pooling-p", "0.05")[1]
+    assert pooled["interaction_pooled"]
+    assert pooled["pooling_p"] == 0.05
+    assert pooled["figures"]["repeatability"] > kept["figures"]["repeatability"]
