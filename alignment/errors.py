@@ -33,6 +33,13 @@ class TruewheelError(Exception):
     """Base class of all errors of the product; `str(error)` is one sentence for a person."""
 
 
+def told(error: BaseException, longest: int = 300) -> str:
+    """Return what an error of somebody else's code says, as a part of one sentence: its kind and its text."""
+    text = " ".join(str(error).split())
+    text = text if len(text) <= longest else text[: longest - 1] + "…"
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 class InputError(TruewheelError, ValueError):
     """Bad input that a person can correct.
 

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
 
 from alignment.errors import (
+    CameraConnectionError,
     CameraError,
     CameraTimeoutError,
     ConfigurationError,
     SeveralErrors,
     TruewheelError,
+    told,
 )
 from sensors.camera import Camera, CameraSettings, Frame
 from sensors.frames import FrameComparison, FrameTolerance
@@ -171,7 +176,8 @@ class Rig:
         self._each("close", lambda camera: camera.close())
 
     def _trigger(self, camera: Camera) -> None:
-        counter = camera.trigger()
+        with _asked(camera, "trigger"):
+            counter = camera.trigger()
         if counter != self._triggers:
             raise CameraError(
                 camera.name,
@@ -181,9 +187,12 @@ class Rig:
 
     def _frame_of_this_trigger(self, camera: Camera, deadline: float, timeout_s: float) -> Frame:
         seen: int | None = None
-        while True:
+        # Of each trigger before this one a frame may be left over, and no more.
+        for _ in range(self._triggers):
             try:
-                frame = camera.fetch(max(0.0, deadline - self._clock()))
+                with _asked(camera, "fetch"):
+                    frame = camera.fetch(max(0.0, deadline - self._clock()))
+                    _require_frame(camera, frame)
             except CameraTimeoutError as error:
                 last = "none at all" if seen is None else f"last seen one of trigger {seen}"
                 raise CameraTimeoutError(
@@ -201,12 +210,19 @@ class Rig:
                     "Arm the rig again",
                 )
             seen = frame.trigger_counter
+        raise CameraError(
+            camera.name,
+            f"out of step: expected a frame of trigger {self._triggers} after those of the triggers before, "
+            f"it sent one more of trigger {seen}",
+            "Arm the rig again; if it stays, tell the makers of its driver",
+        )
 
     def _each(self, verb: str, action: Callable[[Camera], None]) -> None:
         failures: list[TruewheelError] = []
         for camera in self.cameras:
             try:
-                action(camera)
+                with _asked(camera, verb):
+                    action(camera)
             except TruewheelError as error:
                 failures.append(error)
         self._report(failures, verb)
@@ -216,3 +232,48 @@ class Rig:
         if listed:
             count = f"{len(listed)} of {len(self.cameras)} cameras"
             raise SeveralErrors(f"rig {self.name}: {count} did not {verb}", listed)
+
+
+@contextlib.contextmanager
+def _asked(camera: Camera, what: str) -> Iterator[None]:
+    """Let whatever the camera's driver raises be an error of this camera."""
+    try:
+        yield
+    except TruewheelError:
+        raise
+    except Exception as error:
+        kind = CameraError
+        if isinstance(error, TimeoutError):
+            kind = CameraTimeoutError
+        elif isinstance(error, ConnectionError):
+            kind = CameraConnectionError
+        raise kind(
+            camera.name,
+            f"its driver failed ({what}): {told(error)}",
+            "Check its power and its cable; if it stays, tell the makers of its driver",
+        ) from error
+
+
+def _require_frame(camera: Camera, frame: Any) -> None:
+    """Raise unless a driver gave a frame that is what `Frame` says."""
+    image: Any = getattr(frame, "image", None)
+    if not isinstance(frame, Frame):
+        seen = f"a {type(frame).__name__}"
+    elif frame.camera != camera.name:
+        seen = f"a frame of camera {frame.camera}"
+    elif not isinstance(image, np.ndarray) or image.ndim != 2 or not image.size:
+        seen = f"an image of shape {getattr(image, 'shape', None)}"
+    elif image.dtype not in (np.uint8, np.uint16):
+        seen = f"an image of type {image.dtype}"
+    elif isinstance(frame.trigger_counter, bool) or not isinstance(frame.trigger_counter, int | np.integer):
+        seen = f"a trigger counter {frame.trigger_counter!r}"
+    elif not np.isfinite([frame.device_time_s, frame.host_time_s, frame.exposure_ms]).all():
+        seen = f"times {frame.device_time_s}, {frame.host_time_s} s, exposure {frame.exposure_ms} ms"
+    else:
+        return
+    raise CameraError(
+        camera.name,
+        "expected a frame of its own from its driver, with an image (height, width) of 8 or 16 bit,"
+        f" found {seen}",
+        "Tell the makers of its driver",
+    )

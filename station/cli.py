@@ -23,6 +23,7 @@ from station.commands.bench import bench
 from station.commands.calibrate import calibrate
 from station.commands.calibration import calibration_app
 from station.commands.calibration_frame import simulate_gauge_session_command
+from station.commands.camera import camera_app
 from station.commands.configuration import config_app, init
 from station.commands.database import db_app
 from station.commands.demo import demo
@@ -63,6 +64,7 @@ app.add_typer(calibration_app, name="calibration")
 app.add_typer(gauge_app, name="gauge")
 app.add_typer(line_app, name="line")
 app.add_typer(config_app, name="config")
+app.add_typer(camera_app, name="camera")
 app.add_typer(db_app, name="db")
 app.add_typer(zero_app, name="zero")
 

@@ -24,8 +24,7 @@ from db.records import EventRecord, Severity
 from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
 from station.cli import app, main
-from station.configuration.settings import StationConfig
-from station.configuration.toml import read_toml
+from station.configuration.settings import StationConfig, read_station
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import write_month
 
@@ -81,6 +80,8 @@ RUN_ELSEWHERE = {
     ("docs/line-interface.md", "iecst"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/database.md", "sql"): (2, "tests/db/connection/test_access.py"),
+    ("docs/how-to/add-a-camera.md", "python"): (2, "tests/end_to_end/test_camera_plugin.py"),
+    ("docs/how-to/add-a-camera.md", "toml"): (2, "tests/end_to_end/test_camera_plugin.py"),
 }
 
 
@@ -127,7 +128,7 @@ def toml_is_read(fence: Fence, folder: Path) -> None:
         assert table in StationConfig.model_fields, f"{fence.name}: no configuration has [{table}]"
         text = re.sub(rf"^\[{table}\]\n(?:(?!\[).*\n)*", "", text, flags=re.MULTILINE)
     (folder / "station.toml").write_text(f"{text}\n{fence.text}", encoding="utf-8")
-    read_toml(StationConfig, folder / "station.toml", "a station's configuration")
+    read_station(folder / "station.toml")
 
 
 def json_is_read(fence: Fence, folder: Path) -> None:

@@ -1,1 +1,18 @@
-"""Camera drivers, one module each; all pass the same contract tests."""
+"""Camera drivers; all pass the same contract tests. Here is what a driver is written with."""
+
+from __future__ import annotations
+
+from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
+from sensors.drivers.queued import Exposure, QueuedCamera
+from sensors.formats.validation import StrictModel
+
+__all__ = [
+    "CameraDriver",
+    "CameraPlace",
+    "Exposure",
+    "KnownCalibration",
+    "QueuedCamera",
+    "RigDriver",
+    "RigPlace",
+    "StrictModel",
+]

@@ -9,13 +9,27 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+from pydantic import Field
+
 from alignment.errors import CameraError, ConfigurationError, FormatError
 from alignment.values import Side
 from sensors.camera import CameraSettings
+from sensors.drivers.driver import RigDriver, RigPlace
 from sensors.drivers.queued import Exposure, QueuedCamera
+from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE, FrameEntry, read_frame, read_shot_file
+from sensors.formats.validation import FilePath, StrictModel
 from sensors.frames import FrameTolerance
 from sensors.rig import Rig, StereoHead
+
+
+class RecordedOptions(StrictModel):
+    """Cameras that play recorded shots."""
+
+    shots: FilePath = Field(description="Folder of recorded shots, played in the order of their names")
+    at_end: Literal["stop", "repeat"] = Field(
+        default="stop", description="What follows the last shot: a camera fault, or the first shot again"
+    )
 
 
 class RecordedCamera(QueuedCamera):
@@ -161,3 +175,29 @@ def _twice_running(folders: Sequence[str | PathLike[str]], at_end: Literal["stop
     played = [Path(folder).resolve() for folder in folders]
     followers = played[1:] + (played[:1] if at_end == "repeat" else [])
     return any(one == other for one, other in zip(played, followers, strict=False))
+
+
+def shot_folders(options: RecordedOptions, place: RigPlace) -> list[Path]:
+    """Return the shots that a rig of a configuration plays, in the order of their names.
+
+    Raises
+    ------
+    ConfigurationError
+        When there are none.
+    """
+    folders = [path.parent for path in entries(place.folder / options.shots, SHOT_FILE, "shots")]
+    if not folders:
+        raise ConfigurationError(
+            field="shots",
+            expected=f"a folder of recorded shots, each a folder with {SHOT_FILE}",
+            seen=f"none in '{options.shots}'",
+        )
+    return folders
+
+
+def _make(options: RecordedOptions, place: RigPlace) -> Rig:
+    return recorded_rig(shot_folders(options, place), options.at_end, place.rig, place.tolerance)
+
+
+DRIVER = RigDriver(RecordedOptions, _make, check=shot_folders)
+"""The driver ``recorded``."""

@@ -19,12 +19,11 @@ from alignment.calibration.observations import Plate
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
-from sensors.formats.validation import Name, StrictModel, load_toml, validate
+from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 
 Array = NDArray[np.float64]
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
-FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
 Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
 
 _CERTIFICATE_COLUMNS = (

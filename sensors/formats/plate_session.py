@@ -20,9 +20,9 @@ from alignment.values import Image, Side
 from sensors.formats.calibration import check_side
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
-from sensors.formats.plate import FilePath, PlateDescription, PlateFile, describe_plate, read_plate
+from sensors.formats.plate import PlateDescription, PlateFile, describe_plate, read_plate
 from sensors.formats.shot import ImageName
-from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
+from sensors.formats.validation import FilePath, Name, StrictModel, dump_json, load_json, validate
 
 SESSION_FILE = "session.json"
 CERTIFICATE_FILE = "plate_certificate.csv"

@@ -26,6 +26,7 @@ M = TypeVar("M", bound=BaseModel)
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Name of a rig or head: also a part of a file name, on every system."""
+FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
 
 _SHOWN = 4
 _MESSAGES = {

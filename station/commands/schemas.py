@@ -6,9 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from alignment.errors import ConfigurationError
+from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
+from sensors.drivers.installed import installed_drivers, load_driver
 from sensors.formats import SCHEMAS
-from station.configuration.settings import StationConfig
+from station.configuration.settings import StationConfig, station_model
 from station.configuration.vehicle_types import VehicleType
 
 
@@ -21,6 +22,9 @@ def schema_of(name: str) -> dict[str, Any]:
         When there is no such kind; the message lists all.
     """
     known: dict[str, type[BaseModel]] = {**SCHEMAS, "station": StationConfig, "vehicle-type": VehicleType}
+    if name == "station":
+        # With the settings of every camera driver that is installed.
+        known[name] = station_model(_all_drivers())
     if name == "simulation":
         # Loads the renderer, which the others do without.
         from station.rehearsal.simulation import SimulationConfig
@@ -31,3 +35,19 @@ def schema_of(name: str) -> dict[str, Any]:
             field="NAME", expected=f"one of {', '.join([*known, 'simulation'])}", seen=f"'{name}'"
         )
     return known[name].model_json_schema(by_alias=True)
+
+
+def _all_drivers() -> list[str]:
+    """Return the names of all installed drivers, after loading each: a schema without one would be wrong."""
+    names = sorted({one.name for one in installed_drivers()})
+    failures: list[TruewheelError] = []
+    for name in names:
+        try:
+            load_driver(name)
+        except ConfigurationError as error:
+            failures.append(error)
+    if len(failures) == 1:
+        raise failures[0]
+    if failures:
+        raise SeveralErrors(f"{len(failures)} camera drivers cannot be loaded", failures)
+    return names

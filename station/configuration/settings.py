@@ -5,29 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.file_limits import TEXT
-from alignment.values import MeasureSettings, Side
+from alignment.values import MeasureSettings
 from sensors.camera import CameraSettings
 from sensors.formats.files import read_bytes
-from sensors.formats.validation import Name, StrictModel
+from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 from sensors.frames import FrameTolerance
-from station.configuration.toml import read_toml
+from station.configuration.rigs import LARGEST_COUNT, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import Label, VehicleType, read_vehicle_types
 
 SMALLEST_K, LARGEST_K = 1.6, 5.0
 """Believable coverage factors: 1.645 stands for 90 %."""
 Millimetres = Annotated[float, Field(ge=-500, le=500)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
-WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}_(left|right)$")]
-FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
 
 
 class StationSettings(StrictModel):
@@ -246,67 +244,6 @@ class ZeroOptions(StrictModel):
     )
 
 
-class RecordedOptions(StrictModel):
-    """Cameras that play recorded shots."""
-
-    shots: FilePath = Field(description="Folder of recorded shots, played in the order of their names")
-    at_end: Literal["stop", "repeat"] = Field(
-        default="stop", description="What follows the last shot: a camera fault, or the first shot again"
-    )
-
-
-class SimulatedOptions(StrictModel):
-    """Cameras that look at a simulated wheel, a new one for every trigger."""
-
-    seed: int = Field(ge=0, lt=2**32, description="Of the rig and of all its wheels")
-    rig: Literal["standard", "dense", "central", "ccir"] = Field(
-        default="standard", description="Geometry, cameras and light of the rig"
-    )
-    camber_deg: float = Field(default=0.0, ge=-5, le=5, description="Mean camber of the wheels, degrees")
-    toe_deg: float = Field(default=0.0, ge=-5, le=5, description="Mean toe of the wheels, degrees")
-    spread_deg: float = Field(
-        default=0.1, ge=0, le=3, description="Standard deviation of both angles, degrees"
-    )
-
-
-class RigSettings(StrictModel):
-    """The heads that look at one wheel; their number and names stand in the calibration."""
-
-    name: WheelName = Field(
-        description="Position of the wheel, an axle and a side, such as front_left; shots and calibrations"
-        " name the same"
-    )
-    calibration: FilePath | None = Field(
-        default=None, description="Calibration file; a simulated rig without one knows its true cameras"
-    )
-    recorded: RecordedOptions | None = Field(default=None, description="The cameras play recorded shots")
-    simulated: SimulatedOptions | None = Field(default=None, description="The cameras are simulated")
-
-    @model_validator(mode="after")
-    def _has_one_driver(self) -> RigSettings:
-        drivers = [name for name in ("recorded", "simulated") if getattr(self, name) is not None]
-        if len(drivers) != 1:
-            raise DegenerateInputError(
-                expected="one table that says what drives the cameras: recorded or simulated",
-                seen=" and ".join(drivers) or "none",
-            )
-        if self.calibration is None and self.simulated is None:
-            raise DegenerateInputError(
-                field="calibration", expected="the calibration file of this rig", seen="none"
-            )
-        return self
-
-    @property
-    def axle(self) -> str:
-        """The axle, such as ``front``."""
-        return self.name.rpartition("_")[0]
-
-    @property
-    def side(self) -> Side:
-        """The side of the vehicle."""
-        return "left" if self.name.endswith("_left") else "right"
-
-
 class StationConfig(StrictModel):
     """What ``station.toml`` holds; paths are relative to its folder."""
 
@@ -319,7 +256,9 @@ class StationConfig(StrictModel):
     cameras: CameraOptions = Field(default=CameraOptions(), description="What every camera is told")
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
     zero: ZeroOptions = Field(default=ZeroOptions(), description="What is believed of a zero measurement")
-    rigs: tuple[RigSettings, ...] = Field(min_length=1, max_length=16, description="One per wheel position")
+    rigs: tuple[RigSettings, ...] = Field(
+        min_length=1, max_length=LARGEST_COUNT, description="One per wheel position"
+    )
 
     @model_validator(mode="after")
     def _rigs_differ(self) -> StationConfig:
@@ -330,6 +269,17 @@ class StationConfig(StrictModel):
                 field="rigs", expected="rigs with different names", seen=f"'{twice}' twice"
             )
         return self
+
+
+def station_model(drivers: Collection[str]) -> type[StationConfig]:
+    """Return the model of a station's file with the tables of camera drivers; these drivers are imported."""
+    rigs = StationConfig.model_fields["rigs"]
+    return create_model(
+        "StationConfig",
+        __base__=StationConfig,
+        __doc__=StationConfig.__doc__,
+        rigs=(tuple[rig_model(drivers), ...], rigs),  # type: ignore[arg-type, misc]
+    )
 
 
 @dataclass(frozen=True)
@@ -364,23 +314,45 @@ class Configuration:
         name, mark, options = url.removeprefix(prefix).partition("?")
         return f"{prefix}{self.path(name)}{mark}{options}" if name and name != ":memory:" else url
 
+    def content(self, left_out: dict[str, bool | set[str]]) -> dict[str, Any]:
+        """Return the settings as plain values, without what is left out or not said.
+
+        Drivers that other packages brought are named with their versions: they decide results too.
+        """
+        content = self.settings.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=left_out)
+        foreign = {
+            rig.driver: str(rig.cameras.installed)
+            for rig in self.settings.rigs
+            if rig.cameras.installed.foreign
+        }
+        return content | ({"drivers": foreign} if foreign else {})
+
     @property
     def hash(self) -> str:
-        """SHA-256 of what decides results: settings, vehicle types, DBC; every record carries it.
+        """SHA-256 of what decides results: settings, drivers, vehicle types, DBC; every record carries it.
 
         Where results are stored is left out: it changes none, and may hold a password. So is the bus's log.
         """
-        left_out: dict[str, bool | set[str]] = {
-            "database": True,
-            "archive": True,
-            "line": {"log", "log_mb", "log_files"},
-        }
         content = {
-            "station": self.settings.model_dump(mode="json", exclude=left_out),
+            "station": self.content(
+                {"database": True, "archive": True, "line": {"log", "log_mb", "log_files"}}
+            ),
             "vehicle_types": [kind.model_dump(mode="json") for _, kind in sorted(self.vehicle_types.items())],
             "dbc": hashlib.sha256(read_bytes(self.path(self.settings.line.dbc), "a DBC", TEXT)).hexdigest(),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def read_station(path: Path) -> StationConfig:
+    """Read a station's file alone, without what it refers to.
+
+    Raises
+    ------
+    ConfigurationError
+        As `read_configuration`.
+    """
+    data = load_toml(path, "a station's configuration")
+    return validate(station_model(drivers_named(data.get("rigs"))), data, file=path, error=ConfigurationError)
 
 
 def read_configuration(path: Path) -> Configuration:
@@ -389,9 +361,10 @@ def read_configuration(path: Path) -> Configuration:
     Raises
     ------
     ConfigurationError
-        When one of the files is missing, or a field of one is missing, unknown or out of range.
+        When one of the files is missing, a field of one is missing, unknown or out of range, or a camera
+        driver that it names cannot be loaded.
     """
-    settings = read_toml(StationConfig, path, "a station's configuration")
+    settings = read_station(path)
     for field, name, found in (
         ("line.dbc", settings.line.dbc, (path.parent / settings.line.dbc).exists()),
         ("vehicle_types", settings.vehicle_types, (path.parent / settings.vehicle_types).is_dir()),

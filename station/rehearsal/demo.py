@@ -129,7 +129,7 @@ def demo_configuration(configuration: Configuration, database_url: str, can_log:
     """
     settings = configuration.settings
     for index, rig in enumerate(settings.rigs):
-        if rig.simulated is None:
+        if rig.driver != "simulated":
             raise ConfigurationError(
                 file=configuration.file,
                 field=f"rigs[{index}].simulated",

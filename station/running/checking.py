@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 
 from alignment.errors import ConfigurationError, TruewheelError
 from db.connection import parse_url
-from station.configuration.settings import Configuration, RigSettings, read_configuration
+from station.configuration.settings import Configuration, read_configuration
 from station.line.wire.channel import require_interface
 from station.line.wire.dbc import load_line_database
-from station.running.composition import read_rig_calibration, recorded_folders
+from station.running.cameras import check_rig
 
 
 def check_configuration(path: Path) -> tuple[Configuration | None, list[TruewheelError]]:
@@ -45,8 +46,8 @@ def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
     ):
         if name is not None:
             yield lambda field=field, name=name: _check_writable(configuration, field, name)  # type: ignore[misc]
-    for index, rig in enumerate(settings.rigs):
-        yield lambda index=index, rig=rig: _check_rig(configuration, index, rig)  # type: ignore[misc]
+    for index in range(len(settings.rigs)):
+        yield partial(check_rig, configuration, index)
 
 
 def _check_database(configuration: Configuration) -> None:
@@ -87,10 +88,3 @@ def _writable(folder: Path) -> bool:
     folder = folder.resolve()
     existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     return existing.is_dir() and os.access(existing, os.W_OK)
-
-
-def _check_rig(configuration: Configuration, index: int, rig: RigSettings) -> None:
-    if rig.calibration is not None:
-        read_rig_calibration(configuration, rig, index)
-    if rig.recorded is not None:
-        recorded_folders(configuration, rig.recorded, index)

@@ -3,48 +3,36 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
 from typing import TypeVar
 
-from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, WarmUpError
+from alignment.errors import SeveralErrors, TruewheelError, WarmUpError
 from alignment.measure import measure_wheel
 from db.store import ResultStore
 from db.upkeep.background import BackgroundWork
-from sensors.drivers.recorded import recorded_rig
-from sensors.formats import read_calibration_file, write_calibration
-from sensors.formats.files import entries
-from sensors.formats.shot import SHOT_FILE
-from sensors.rig import Rig
-from station.configuration.settings import (
-    Configuration,
-    RecordedOptions,
-    RigSettings,
-    SimulatedOptions,
-    StationConfig,
-)
+from sensors.drivers.driver import RigDriver
+from station.configuration.settings import Configuration, StationConfig
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, Identity, Observer
-from station.cycle.positions import CalibrationInForce, WheelPosition, utc_now
+from station.cycle.positions import WheelPosition, utc_now
 from station.cycle.words import ErrorCode, Mode, StationState, StationStatus
 from station.line.interface import StationLine
 from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.channel import BusSettings
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.options import LineOptions
+from station.running.cameras import open_rig
 from station.store.archive import ArchivingObserver, ImageArchive
 from station.store.opening import describe_station, open_archive, open_store
 from station.warm_up.needs import Work
 from station.warm_up.prepare import warm_up
 
 T = TypeVar("T")
-_UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +53,8 @@ def works_of(configuration: Configuration) -> tuple[Work, ...]:
 
     Cameras other than simulated ones may deliver 8 or 16 bit.
     """
-    simulated = [rig.simulated is not None for rig in configuration.settings.rigs]
+    drivers = [rig.cameras.driver for rig in configuration.settings.rigs]
+    simulated = [isinstance(driver, RigDriver) and driver.simulates for driver in drivers]
     works = [Work.MEASURE_8]
     if not all(simulated):
         works.append(Work.MEASURE_16)
@@ -202,99 +191,8 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
 
 
 def _position(configuration: Configuration, index: int) -> WheelPosition:
-    settings, rig = configuration.settings, configuration.settings.rigs[index]
-    calibration: CalibrationInForce | None = None
-    if rig.calibration is not None:
-        calibration = read_rig_calibration(configuration, rig, index)
-    if rig.simulated is not None:
-        cameras, true = _simulated(configuration, rig, rig.simulated)
-        calibration = calibration or true
-    elif rig.recorded is not None:
-        cameras = _recorded(configuration, rig, rig.recorded, index)
-    assert calibration is not None
+    settings = configuration.settings
+    rig, calibration = open_rig(configuration, index)
     return WheelPosition(
-        cameras, calibration, measure_wheel, settings.measure.settings(), settings.cycle.shoot_timeout_s
+        rig, calibration, measure_wheel, settings.measure.settings(), settings.cycle.shoot_timeout_s
     )
-
-
-def read_rig_calibration(configuration: Configuration, rig: RigSettings, index: int) -> CalibrationInForce:
-    """Read the calibration file that a rig of the configuration names.
-
-    Raises
-    ------
-    ConfigurationError
-        When it is of another rig or side.
-    FormatError
-        When it cannot be read.
-    """
-    assert rig.calibration is not None
-    file = read_calibration_file(configuration.path(rig.calibration))
-    for field, expected, seen in (("rig", rig.name, file.rig), ("side", rig.side, file.side)):
-        if expected != seen:
-            raise ConfigurationError(
-                file=configuration.file,
-                field=f"rigs[{index}].calibration",
-                expected=f"a calibration of {field} '{expected}'",
-                seen=f"'{rig.calibration}', which is of {field} '{seen}'",
-                cure="Name the calibration of this rig",
-            )
-    return CalibrationInForce(
-        file.calibration(),
-        file.created_utc,
-        configuration.settings.cycle.calibration_max_age_days,
-        file.model_dump(mode="json", by_alias=True),
-    )
-
-
-def _simulated(
-    configuration: Configuration, rig: RigSettings, options: SimulatedOptions
-) -> tuple[Rig, CalibrationInForce]:
-    # Only a configuration that names the simulator loads it.
-    from sensors.simulation.simulated_rig import (
-        TRUE_CALIBRATION_METHOD,
-        TRUE_CALIBRATION_UTC,
-        SimulatedRig,
-        angles_about,
-        true_calibration,
-    )
-
-    true = true_calibration(rig.name, rig.side, options.rig, options.seed)
-    with tempfile.TemporaryDirectory() as folder:
-        # Through the file format, so that the record holds what a calibration file would.
-        path = Path(folder) / "calibration.json"
-        write_calibration(path, true, method=TRUE_CALIBRATION_METHOD, created_utc=TRUE_CALIBRATION_UTC)
-        document = read_calibration_file(path).model_dump(mode="json", by_alias=True)
-    cameras = SimulatedRig(
-        true,
-        options.rig,
-        options.seed,
-        angles_about(options.camber_deg, options.toe_deg, options.spread_deg),
-        configuration.settings.cameras.settings(),
-        configuration.settings.cameras.tolerance(),
-    )
-    return cameras, CalibrationInForce(true, TRUE_CALIBRATION_UTC, _UNLIMITED_DAYS, document)
-
-
-def _recorded(configuration: Configuration, rig: RigSettings, options: RecordedOptions, index: int) -> Rig:
-    folders = recorded_folders(configuration, options, index)
-    return recorded_rig(folders, options.at_end, rig.name, configuration.settings.cameras.tolerance())
-
-
-def recorded_folders(configuration: Configuration, options: RecordedOptions, index: int) -> list[Path]:
-    """Return the shots that a rig of the configuration plays, in the order of their names.
-
-    Raises
-    ------
-    ConfigurationError
-        When there are none.
-    """
-    folder = configuration.path(options.shots)
-    folders = [path.parent for path in entries(folder, SHOT_FILE, "shots")]
-    if not folders:
-        raise ConfigurationError(
-            file=configuration.file,
-            field=f"rigs[{index}].recorded.shots",
-            expected=f"a folder of recorded shots, each a folder with {SHOT_FILE}",
-            seen=f"none in '{options.shots}'",
-        )
-    return folders

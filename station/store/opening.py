@@ -73,7 +73,7 @@ def describe_station(
             software_version=version("truewheel"),
             config_hash=configuration.hash,
             # As the hash, without what decides no result and may hold a password.
-            configuration=settings.model_dump(mode="json", exclude={"database", "archive"}),
+            configuration=configuration.content({"database": True, "archive": True}),
             rigs=tuple(position.name for position in positions),
         ),
         [

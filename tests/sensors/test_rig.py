@@ -1,5 +1,7 @@
 """The bad moments of a rig of six cameras."""
 
+import re
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -204,3 +206,109 @@ def test_a_shot_refuses_frames_of_different_triggers():
         WheelShot("rig", datetime(2026, 3, 1), (head,))
     with pytest.raises(DegenerateInputError, match="heads"):
         WheelShot("rig", TIME, (head, head))
+
+
+class _Vendor(SimulatedCamera):
+    """A driver whose makers have errors and frames of their own."""
+
+    def __init__(self, name, clock, **spoilt):
+        super().__init__(name, Numbered(0), clock=clock, sleep=clock.sleep)
+        self.spoilt = spoilt
+
+    def _do(self, what):
+        spoilt = self.spoilt.get(what)
+        if isinstance(spoilt, BaseException):
+            raise spoilt
+
+    def connect(self):
+        self._do("connect")
+        super().connect()
+
+    def arm(self, settings):
+        self._do("arm")
+        super().arm(settings)
+
+    def trigger(self):
+        self._do("trigger")
+        return super().trigger()
+
+    def fetch(self, timeout_s):
+        self._do("fetch")
+        frame = super().fetch(timeout_s)
+        return self.spoilt["frame"](frame) if "frame" in self.spoilt else frame
+
+
+def vendor_rig(clock, **spoilt):
+    cameras = [_Vendor("front_left/head_1/left", clock, **spoilt), _Vendor("front_left/head_1/right", clock)]
+    return Rig("front_left", [StereoHead("head_1", *cameras)], clock=clock, now=lambda: TIME)
+
+
+@pytest.mark.parametrize("what", ["connect", "arm", "trigger", "fetch"])
+@pytest.mark.parametrize(
+    ("raised", "kind"),
+    [
+        (RuntimeError("GC_ERR_TIMEOUT\n(-1011)"), CameraError),
+        (KeyError("exposure"), CameraError),
+        (OSError(19, "No such device"), CameraError),
+        (ConnectionResetError("peer"), CameraConnectionError),
+        (TimeoutError(), CameraTimeoutError),
+    ],
+)
+def test_whatever_a_driver_raises_is_a_failure_of_its_camera(clock, what, raised, kind):
+    """Errors of a driver's own makers went through the cycle as a defect of the program."""
+    rig = vendor_rig(clock, **{what: raised})
+
+    def use():
+        rig.connect()
+        rig.arm()
+        rig.shoot(1.0)
+
+    with pytest.raises(SeveralErrors) as caught:
+        use()
+    [error] = caught.value.exceptions
+    assert isinstance(error, kind)
+    assert error.camera == "front_left/head_1/left"
+    if kind is not CameraTimeoutError:
+        assert type(raised).__name__ in str(error)
+    assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda frame: None, "found a NoneType"),
+        (lambda frame: frame.image, "found a ndarray"),
+        (lambda frame: replace(frame, image=frame.image.astype(float)), "an image of type float64"),
+        (lambda frame: replace(frame, image=np.dstack(3 * [frame.image])), r"an image of shape \(4, 5, 3\)"),
+        (lambda frame: replace(frame, image=frame.image[:0]), r"an image of shape \(0, 5\)"),
+        (lambda frame: replace(frame, image=[[1]]), "an image of shape None"),
+        (lambda frame: replace(frame, camera="left"), "a frame of camera left"),
+        (lambda frame: replace(frame, trigger_counter="1"), "a trigger counter '1'"),
+        (lambda frame: replace(frame, device_time_s=float("nan")), "times nan"),
+        (lambda frame: replace(frame, device_time_s="now"), "TypeError"),
+    ],
+)
+def test_frame_that_is_none_is_a_failure_of_its_camera(clock, spoil, words):
+    rig = vendor_rig(clock, frame=spoil)
+    rig.connect()
+    rig.arm()
+    with pytest.raises(SeveralErrors) as caught:
+        rig.shoot(1.0)
+    [error] = caught.value.exceptions
+    assert error.camera == "front_left/head_1/left"
+    assert re.search(words, str(error))
+
+
+def test_driver_that_sends_old_frames_for_ever_does_not_hold_up_the_shot(clock):
+    """The rig went on fetching for as long as frames of earlier triggers came."""
+    rig = vendor_rig(clock)
+    rig.connect()
+    rig.arm()
+
+    def again(timeout_s):
+        return Frame("front_left/head_1/left", np.ones((4, 5), np.uint8), 0, 1.0, clock(), 5.0)
+
+    rig.heads[0].left.fetch = again
+    with pytest.raises(SeveralErrors) as caught:
+        rig.shoot(1.0)
+    assert "it sent one more of trigger 0" in str(caught.value)

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from sensors.simulation.driver import SimulatedOptions
+from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
     CameraOptions,
@@ -18,10 +20,8 @@ from station.configuration.settings import (
     DatabaseSettings,
     LineSettings,
     MeasureOptions,
-    RigSettings,
-    SimulatedOptions,
-    StationConfig,
     StationSettings,
+    station_model,
 )
 from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.rehearsal.simulation import OpticsOptions, PatternOptions, SimulationConfig
@@ -50,6 +50,7 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
         },
     },
 }
+RIG, STATION = rig_model({"simulated"}), station_model({"simulated", "recorded"})
 NOUGHT, JUST = math.ulp(0.0), 1e-9
 
 
@@ -221,11 +222,11 @@ def test_a_text_is_accepted_at_its_length_and_refused_beyond(
 
 @pytest.mark.parametrize("name", ["front_left", "a_right", "a" + 30 * "b" + "_left"])
 def test_names_of_wheels_are_an_axle_and_a_side(name: str) -> None:
-    rig = RigSettings.model_validate({"name": name, "simulated": {"seed": 1}})
+    rig = RIG.model_validate({"name": name, "simulated": {"seed": 1}})
     assert rig.axle == name.rpartition("_")[0]
     assert rig.side == name.rpartition("_")[2]
     for wrong in (name.upper(), name + "s", "_" + name, name.replace("_", " "), "a" + 31 * "b" + "_left"):
-        assert "name" in refused(RigSettings, name=wrong, simulated={"seed": 1})
+        assert "name" in refused(RIG, name=wrong, simulated={"seed": 1})
 
 
 def test_a_station_has_one_to_sixteen_rigs_and_a_vehicle_one_to_eight_axles() -> None:
@@ -239,9 +240,9 @@ def test_a_station_has_one_to_sixteen_rigs_and_a_vehicle_one_to_eight_axles() ->
         }
 
     for count in (1, 16):
-        assert len(StationConfig.model_validate(station(count)).rigs) == count
+        assert len(STATION.model_validate(station(count)).rigs) == count
     for count in (0, 17):
-        assert "rigs" in refused(StationConfig, **station(count))
+        assert "rigs" in refused(STATION, **station(count))
     (axle,) = NEEDED[VehicleType]["axles"].values()
     for count in (1, 8):
         axles = {f"axle{k}": axle for k in range(count)}
@@ -275,7 +276,7 @@ def numbers_without_bounds(schema: dict[str, Any]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("model", [StationConfig, VehicleType, SimulationConfig])
+@pytest.mark.parametrize("model", [STATION, VehicleType, SimulationConfig])
 def test_no_number_is_open_to_one_side(model: type[BaseModel]) -> None:
     assert numbers_without_bounds(model.model_json_schema()) == []
     assert numbers_without_bounds({"title": "T", "properties": {"x": {"type": "number", "minimum": 0}}})

@@ -12,6 +12,7 @@ import pytest
 
 from alignment.errors import ConfigurationError, FormatError
 from sensors.formats import write_calibration
+from sensors.rig import Rig
 from station.configuration.settings import read_configuration
 from station.cycle.words import Mode
 from station.running.composition import open_station
@@ -64,15 +65,17 @@ def test_every_bound_and_factor_of_the_configuration_reaches_the_cycle(
         taken.update(named, args=args)
         raise Taken
 
-    class Rig:
-        name = "front_left"
+    class NoRig(Rig):
+        def __init__(self) -> None:
+            self.name = "front_left"
 
         def connect(self) -> None:
             pass
 
-        close = connect
+        def close(self) -> None:
+            pass
 
-    monkeypatch.setattr("station.running.composition.recorded_rig", lambda *args: Rig())
+    monkeypatch.setattr("sensors.drivers.recorded.recorded_rig", lambda *args: NoRig())
     monkeypatch.setattr("station.running.composition.MeasuringCycle", take)
     (config.parent / "shots" / "one").mkdir(parents=True)
     (config.parent / "shots" / "one" / "shot.json").write_text("{}")

@@ -9,8 +9,7 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, LineConnectionError
-from station.configuration.settings import StationConfig
-from station.configuration.toml import read_toml
+from station.configuration.settings import read_station
 from station.cycle.store_thread import StoreThread
 from station.cycle.words import ErrorCode, Mode, Outcome, WheelAnswer
 from station.line.wire.bus import LineBus
@@ -252,7 +251,7 @@ def test_cycle_ends_within_the_page_s_longest_time(
 ) -> None:
     """Wheels that never come and a database that takes its whole bound for each call."""
     says(f"| `cycle.measure_timeout_s` + {calls} × `database.timeout_s` | {30 + calls * 5} s |")
-    settings = read_toml(StationConfig, DBC.parent / "station.toml", "a station's configuration")
+    settings = read_station(DBC.parent / "station.toml")
     assert settings.database.timeout_s == 5.0
     store_s = cycle_bounds(settings).store_s
     call = StoreThread.call

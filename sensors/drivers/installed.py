@@ -1,0 +1,174 @@
+"""Which camera drivers are installed, and loading one: none is imported before it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import re
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, distributions, entry_points
+
+from alignment.errors import ConfigurationError, told
+from sensors.drivers.driver import CameraDriver, Driver, RigDriver
+
+GROUP = "truewheel.cameras"
+"""Group of the entry points."""
+OWN_PACKAGE = "truewheel"
+RESERVED = frozenset({"name", "calibration"})
+"""What a rig's table holds besides; no driver can have such a name."""
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
+
+
+@dataclass(frozen=True)
+class InstalledDriver:
+    """A driver as its package declares it.
+
+    Attributes
+    ----------
+    name
+        Of the entry point: the table in a rig.
+    package, version
+        What was installed.
+    target
+        Where the driver stands, ``module:ATTRIBUTE``.
+    """
+
+    name: str
+    package: str
+    version: str
+    target: str
+
+    @property
+    def foreign(self) -> bool:
+        """Whether another package than this program brought it."""
+        return self.package != OWN_PACKAGE
+
+    def __str__(self) -> str:
+        return f"{self.target} of {self.package} {self.version}"
+
+
+@dataclass(frozen=True)
+class LoadedDriver:
+    """A driver, and where it came from."""
+
+    installed: InstalledDriver
+    driver: Driver
+
+
+def installed_drivers() -> tuple[InstalledDriver, ...]:
+    """Return the drivers of all installed packages, by name; nothing of them is imported.
+
+    Raises
+    ------
+    ConfigurationError
+        When a package's entry points cannot be read.
+    """
+    found = [_described(point) for point in _points()]
+    return tuple(sorted(found, key=lambda one: (one.name, one.package, one.target)))
+
+
+def conflicts(installed: Sequence[InstalledDriver]) -> list[ConfigurationError]:
+    """Return what keeps declared drivers from ever being used: a name twice, or one that no rig can hold."""
+    counted = Counter(one.name for one in installed)
+    found = [_twice(name, installed) for name, count in counted.items() if count > 1]
+    return found + [
+        ConfigurationError(
+            field=GROUP,
+            expected="a name of small letters, digits and underscores, other than "
+            + " and ".join(sorted(RESERVED)),
+            seen=f"'{one.name}' ({one})",
+            cure="Have its makers name it otherwise",
+        )
+        for one in installed
+        if not _NAME.fullmatch(one.name) or one.name in RESERVED
+    ]
+
+
+def load_driver(name: str) -> LoadedDriver:
+    """Import an installed driver.
+
+    Raises
+    ------
+    ConfigurationError
+        When no package declares it, two do, it cannot be imported, or is no driver. Whatever a package raises
+        when it is imported ends in this error.
+    """
+    candidates = [point for point in _points() if point.name == name]
+    if not candidates:
+        raise _unknown(name)
+    if len(candidates) > 1:
+        raise _twice(name, [_described(point) for point in candidates])
+    described = _described(candidates[0])
+    wanted = f"a camera driver '{name}' that can be loaded ({described})"
+    try:
+        # What a package prints would spoil the one object that a command prints on standard output.
+        with contextlib.redirect_stdout(sys.stderr):
+            found = candidates[0].load()
+    except (Exception, SystemExit) as error:  # (whatever a foreign package does, the user must learn of it)
+        raise ConfigurationError(
+            expected=wanted,
+            seen=told(error),
+            cure=f"Install {described.package} anew, or ask its makers for a version that fits truewheel",
+        ) from error
+    if not isinstance(found, CameraDriver | RigDriver):
+        raise ConfigurationError(
+            expected=wanted,
+            seen=f"an object of type '{type(found).__name__}' instead of a CameraDriver or RigDriver",
+            cure=f"Ask the makers of {described.package} for a version that fits truewheel",
+        )
+    return LoadedDriver(described, found)
+
+
+def _points() -> list[EntryPoint]:
+    try:
+        return list(entry_points(group=GROUP))
+    except Exception as error:
+        raise ConfigurationError(
+            expected="installed packages whose entry points can be read",
+            seen=told(error) + _culprits(),
+            cure="Install that package anew, or remove it",
+        ) from error
+
+
+def _culprits() -> str:
+    """Name the packages whose entry points cannot be read."""
+    found = []
+    for distribution in distributions():
+        try:
+            list(distribution.entry_points)
+        except Exception:  # noqa: BLE001  (that it fails is what is asked)
+            found.append(getattr(distribution, "name", None) or str(distribution))
+    return f" in {', '.join(found)}" if found else ""
+
+
+def _described(point: EntryPoint) -> InstalledDriver:
+    distribution = point.dist
+    try:
+        package = (distribution.name if distribution else None) or "a package without a name"
+        version = (distribution.version if distribution else None) or "without a version"
+    except Exception:  # noqa: BLE001  (its metadata are damaged, the driver may be sound)
+        package, version = "a package with damaged metadata", "of unknown version"
+    return InstalledDriver(point.name, package, version, point.value)
+
+
+def _unknown(name: str) -> ConfigurationError:
+    names = sorted({point.name for point in _points()})
+    close = difflib.get_close_matches(name, names, 1)
+    cure = f"Did you mean '{close[0]}'? " if close else ""
+    cure += "Install the package that brings it; `truewheel camera list` shows those of this environment"
+    if not names:
+        # Not even those of this program: its metadata are from before it had any.
+        cure = "Install truewheel anew, its metadata are older than the program (`make setup` in a checkout)"
+    expected = f"an installed camera driver ({', '.join(names) or 'there is none'})"
+    return ConfigurationError(expected=expected, seen=f"'{name}'", cure=cure)
+
+
+def _twice(name: str, installed: Sequence[InstalledDriver]) -> ConfigurationError:
+    return ConfigurationError(
+        expected=f"one package that brings the camera driver '{name}'",
+        seen=" and ".join(str(one) for one in installed if one.name == name),
+        cure="Uninstall all of them but one",
+    )

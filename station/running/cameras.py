@@ -1,0 +1,163 @@
+"""The rigs of a configuration: their calibration, and the driver that makes their cameras."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from alignment.errors import ConfigurationError, InputError, TruewheelError, told
+from sensors.camera import Camera
+from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
+from sensors.formats import read_calibration_file, write_calibration
+from sensors.formats.validation import StrictModel
+from sensors.rig import Rig, StereoHead
+from station.configuration.rigs import RigSettings
+from station.configuration.settings import Configuration
+from station.cycle.positions import CalibrationInForce
+
+_UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
+
+
+def open_rig(configuration: Configuration, index: int) -> tuple[Rig, CalibrationInForce]:
+    """Return a rig of the configuration, not connected, and its calibration.
+
+    Raises
+    ------
+    InputError
+        When its calibration cannot be read or is of another rig, or its driver finds a mistake, fails, or
+        makes something else than cameras.
+    """
+    rig = configuration.settings.rigs[index]
+    driver = rig.cameras.driver
+    calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
+    place = rig_place(configuration, index, calibration)
+    with _in_driver(configuration, index):
+        if driver.check is not None:
+            driver.check(rig.options, place)
+        if isinstance(driver, RigDriver):
+            made: object = driver.make(rig.options, place)
+            if not isinstance(made, Rig):
+                raise _no(f"a Rig for {place.rig}", made)
+            if calibration is None:
+                assert driver.calibration is not None
+                calibration = _known(driver.calibration(rig.options, place))
+            return made, calibration
+        assert calibration is not None
+        return _rig_of_cameras(driver, rig, place), calibration
+
+
+def check_rig(configuration: Configuration, index: int) -> None:
+    """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`."""
+    rig = configuration.settings.rigs[index]
+    calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
+    check = rig.cameras.driver.check
+    if check is not None:
+        with _in_driver(configuration, index):
+            check(rig.options, rig_place(configuration, index, calibration))
+
+
+def rig_place(configuration: Configuration, index: int, calibration: CalibrationInForce | None) -> RigPlace:
+    """Return what a driver is told of a rig."""
+    rig, cameras = configuration.settings.rigs[index], configuration.settings.cameras
+    heads = () if calibration is None else tuple(head.name for head in calibration.calibration.heads)
+    return RigPlace(
+        rig.name, rig.side, heads, configuration.file.parent, cameras.settings(), cameras.tolerance()
+    )
+
+
+def read_rig_calibration(configuration: Configuration, index: int) -> CalibrationInForce:
+    """Read the calibration file that a rig of the configuration names.
+
+    Raises
+    ------
+    ConfigurationError
+        When it is of another rig or side.
+    FormatError
+        When it cannot be read.
+    """
+    rig = configuration.settings.rigs[index]
+    assert rig.calibration is not None
+    file = read_calibration_file(configuration.path(rig.calibration))
+    for field, expected, seen in (("rig", rig.name, file.rig), ("side", rig.side, file.side)):
+        if expected != seen:
+            raise ConfigurationError(
+                file=configuration.file,
+                field=f"rigs[{index}].calibration",
+                expected=f"a calibration of {field} '{expected}'",
+                seen=f"'{rig.calibration}', which is of {field} '{seen}'",
+                cure="Name the calibration of this rig",
+            )
+    return CalibrationInForce(
+        file.calibration(),
+        file.created_utc,
+        configuration.settings.cycle.calibration_max_age_days,
+        file.model_dump(mode="json", by_alias=True),
+    )
+
+
+def _known(known: KnownCalibration) -> CalibrationInForce:
+    with tempfile.TemporaryDirectory() as folder:
+        # Through the file format, so that the record holds what a calibration file would.
+        path = Path(folder) / "calibration.json"
+        write_calibration(path, known.calibration, method=known.method, created_utc=known.created_utc)
+        document = read_calibration_file(path).model_dump(mode="json", by_alias=True)
+    return CalibrationInForce(known.calibration, known.created_utc, _UNLIMITED_DAYS, document)
+
+
+def _rig_of_cameras(driver: CameraDriver[StrictModel], rig: RigSettings, place: RigPlace) -> Rig:
+    def made(one: CameraPlace) -> Camera:
+        camera = driver.make(rig.options, one)
+        methods = [getattr(camera, name, None) for name in ("connect", "arm", "trigger", "fetch", "close")]
+        if not all(map(callable, methods)):
+            raise _no(f"a camera for {one.name}, with the methods of sensors.camera.Camera", camera)
+        if getattr(camera, "name", None) != one.name:
+            raise _no(f"a camera of the name {one.name}", camera)
+        return camera
+
+    heads = [
+        StereoHead(name, made(place.camera(name, "left")), made(place.camera(name, "right")))
+        for name in place.heads
+    ]
+    return Rig(place.rig, heads, place.settings, tolerance=place.tolerance)
+
+
+@contextlib.contextmanager
+def _in_driver(configuration: Configuration, index: int) -> Iterator[None]:
+    """Let mistakes name their field of the file, and whatever else a driver raises be one clear error."""
+    rig = configuration.settings.rigs[index]
+    field = f"rigs[{index}].{rig.driver}"
+    installed = rig.cameras.installed
+    try:
+        yield
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise ConfigurationError(
+            file=configuration.file,
+            field=f"{field}.{error.field}" if error.field else field,
+            expected=error.expected,
+            seen=error.seen,
+            cure=error.cure,
+        ) from error
+    except TruewheelError:
+        raise
+    except Exception as error:
+        raise ConfigurationError(
+            file=configuration.file,
+            field=field,
+            expected=f"cameras from the driver '{rig.driver}' ({installed})",
+            seen=told(error),
+            cure=f"Check its settings; if they are right, tell the makers of {installed.package}",
+        ) from error
+
+
+def _no(expected: str, made: object) -> ConfigurationError:
+    name = getattr(made, "name", None)
+    named = f" of the name {name!r}" if isinstance(name, str) else ""
+    return ConfigurationError(
+        expected=f"{expected} from its driver",
+        seen=f"an object of type '{type(made).__name__}'" + named,
+        cure="Ask the makers of the driver for a version that fits truewheel",
+    )
