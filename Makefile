@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help setup demo test lint studies mutants bench clean
+.PHONY: help setup demo test lint coverage studies mutants bench clean
 
 help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
 	@echo "make test     run the tests"
 	@echo "make lint     format, style, types, import layers"
+	@echo "make coverage whether every branch of verdict and handshake is run by its own tests"
 	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
 	@echo "make mutants  mutation testing of the verdict and the line's handshake"
 	@echo "make bench    the program against its peers, in one run"
@@ -33,6 +34,9 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+coverage: setup
+	$(BIN)/python tools/branches.py
 
 studies: setup
 	@$(BIN)/truewheel study all --out out/studies; status=$$?; \
