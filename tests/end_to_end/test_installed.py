@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import site
 import subprocess
 import sys
+import threading
 import venv
 from pathlib import Path
 
@@ -54,12 +56,16 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return environment / "bin" / "truewheel"
 
 
+def outside() -> dict[str, str]:
+    """The environment without what leads back to the checkout."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
 def run(program: Path, folder: Path, *arguments: str, timeout_s: float = 280.0) -> str:
-    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     ended = subprocess.run(
         [program, *arguments],
         cwd=folder,
-        env=clean,
+        env=outside(),
         capture_output=True,
         text=True,
         timeout=timeout_s,
@@ -78,5 +84,32 @@ def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path:
     run(program, tmp_path, "simulate", "plate-session", "--seed", "3", "--views", "3", "--head", "head_1",
         "--out", "plate")  # fmt: skip
     assert (tmp_path / "plate" / "session.json").is_file()
+    assert "in order" in run(program, tmp_path, "demo", "--vehicles", "1", "--out", "demo")
+    assert (tmp_path / "demo" / "results.db").is_file()
+    assert "simulated  truewheel" in run(program, tmp_path, "camera", "list")
     # Nothing was written beside the program.
     assert not list((program.parents[1]).rglob("*.db"))
+
+
+def test_station_of_a_new_home_runs_until_it_is_told_to_end(program: Path, tmp_path: Path) -> None:
+    run(program, tmp_path, "init", "home")
+    home = tmp_path / "home"
+    with subprocess.Popen(
+        [program, "run"], cwd=home, env=outside(), stderr=subprocess.PIPE, text=True
+    ) as station:
+        assert station.stderr is not None
+        bound = threading.Timer(240.0, station.kill)
+        bound.start()
+        try:
+            said = ""
+            for line in station.stderr:
+                said += line
+                if "is ready: 4 rigs" in line:
+                    station.send_signal(signal.SIGTERM)
+            assert station.wait() == 0, said
+        finally:
+            bound.cancel()
+            station.kill()
+    assert "is ready" in said
+    assert said.rstrip().endswith("stopped")
+    assert (home / "truewheel.db").is_file()
