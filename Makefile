@@ -3,12 +3,14 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
-.PHONY: help setup demo test lint coverage studies mutants bench clean
+.PHONY: help setup demo test test-fast lint coverage studies mutants bench clean
 
 help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
-	@echo "make test     run the tests"
+	@echo "make test     run the tests, as many at a time as there are cores"
+	@echo "make test-fast  those that take less than five seconds each"
 	@echo "make lint     format, style, types, import layers"
 	@echo "make coverage whether every branch of verdict and handshake is run by its own tests"
 	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
@@ -27,7 +29,10 @@ demo: setup
 	$(BIN)/truewheel demo
 
 test: setup
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+test-fast: setup
+	$(PYTEST) -m "not slow"
 
 lint: setup
 	$(BIN)/ruff format --check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -9,7 +10,7 @@ import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -104,9 +105,7 @@ def postgres_server(
                 user=user, cwd=folder, check=True, capture_output=True, timeout=60,
             )  # fmt: skip
         password = secret.read_text()
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = free_port()
         own = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={folder}"
         control: list[str | Path] = [programs / "pg_ctl", "-D", folder / "data", "-l", folder / "log", "-w"]
         server = PostgresServer(port, password, control, " ".join([*options, own]), user, folder)
@@ -119,6 +118,24 @@ def postgres_server(
     finally:
         if not keep:
             shutil.rmtree(folder)
+
+
+def free_port() -> int:
+    """A port that nobody uses, below those that the system gives to whoever connects.
+
+    A server that is stopped and started again finds it free, whatever else runs meanwhile.
+
+    Raises
+    ------
+    OSError
+        When a hundred were taken.
+    """
+    for _ in range(100):
+        port = 20_000 + secrets.randbelow(12_000)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise OSError(errno.EADDRINUSE, "a hundred ports from 20000 to 31999 were taken")
 
 
 def temporary_folder() -> Path:

@@ -14,6 +14,7 @@ from alignment.values import HeadCalibration, RigCalibration, StereoImages
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelScene, draw_pose, draw_scene
+from tests.once import once
 
 SPEC = RIG_SPECS["standard"]
 CAMBER, TOE = math.radians(0.7), math.radians(-0.4)
@@ -39,7 +40,7 @@ def scene() -> WheelScene:
     return draw_scene(SPEC, "left", draw_pose(rng, CAMBER, TOE), rng, seed=6)
 
 
-@cache
+@once
 def _pairs() -> tuple[StereoImages, ...]:
     return tuple(simulate_shot(scene(), rig(), np.random.default_rng(1)).images)
 
