@@ -145,17 +145,18 @@ def monitor(
     channel: ChannelOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Show traffic decoded by the DBC, live or from a log; exit status 1 when a frame was in error."""
-    from station.line.tools.monitor import decoded, live_frames, read_log, recorded
+    """Show traffic decoded by the DBC, live or from a log; exit status 1 for a frame in error or lost."""
+    from station.line.tools.logs.reading import read_log
+    from station.line.tools.monitor import decoded, live_frames, recorded
     from station.line.wire.bus import open_bus
 
     configuration = _read(config)
     database = _database(configuration)
-    errors, shown = 0, []
+    errors, shown, reading = 0, [], None
     with ExitStack() as stack:
         frames: Iterable[can.Message]
         if log is not None:
-            frames = read_log(log)
+            frames = reading = read_log(log)
         else:
             bus = stack.enter_context(open_bus(_bus(configuration, interface, channel)))
             frames = live_frames(bus, seconds)
@@ -167,9 +168,13 @@ def monitor(
                 shown.append(asdict(frame))
             else:
                 typer.echo(str(frame))
+    lost = 0 if reading is None else reading.notes.lost
     if as_json:
-        print_json({"frames": shown, "errors": errors})
-    if errors:
+        read = {} if reading is None else {"skipped": lost, "read": reading.summary}
+        print_json({"frames": shown, "errors": errors, **read})
+    elif reading is not None:
+        typer.echo(reading.summary, err=True)
+    if errors or lost:
         raise typer.Exit(GOAL_MISSED)
 
 

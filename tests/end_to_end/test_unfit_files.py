@@ -23,7 +23,7 @@ from alignment.file_limits import DOCUMENT, in_words, unfit_kind, unfit_size
 from sensors.formats import read_image, write_calibration, write_shot
 from sensors.formats.files import entries, open_ordinary, read_bytes
 from station.configuration.vehicle_types import read_vehicle_types
-from station.line.tools.monitor import read_log
+from station.line.tools.logs.reading import read_log
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 from tests.sensors.samples import TIME, calibration, shot
 
@@ -207,7 +207,7 @@ def test_a_log_of_frames_that_is_a_pipe_or_too_large_is_refused_at_once(
 ) -> None:
     with pytest.raises(FormatError, match="a log of CAN frames, found a pipe"):
         next(iter(read_log(pipe(tmp_path / "a.blf"))))
-    monkeypatch.setattr("station.line.tools.monitor.LOG", 10)
+    monkeypatch.setattr("station.line.tools.logs.reading.LOG", 10)
     (tmp_path / "b.log").write_text("(0.0) can0 123#00\n")
     with pytest.raises(FormatError, match="of at most 10 bytes"):
         next(iter(read_log(tmp_path / "b.log")))

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import queue
-import struct
 import time
-import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import BinaryIO
 
 import can
-from can.io.blf import BLFParseError
 
-from alignment.errors import FormatError, InputError
-from alignment.file_limits import LOG
-from sensors.formats.files import open_ordinary
+from alignment.errors import InputError
+from station.line.tools.logs.reading import read_log
 from station.line.wire.bus import LineBus
-from station.line.wire.bus_log import LOG_ENDINGS, open_log
+from station.line.wire.bus_log import open_log
 from station.line.wire.dbc import LineDatabase, Value
+from station.line.wire.error_frames import error_in_words
 from station.line.wire.protection import Guard
-
-# What python-can's readers raise on files that are not what they claim to be.
-_LONGEST_LINE = 65_536
-_DAMAGED = (ValueError, IndexError, EOFError, struct.error, zlib.error, can.CanError, BLFParseError)
 
 
 @dataclass(frozen=True)
@@ -71,7 +62,11 @@ def decode_frame(frame: can.Message, database: LineDatabase, guard: Guard | None
     try:
         values = database.decode(frame)
     except InputError as error:
-        text = "error frame" if frame.is_error_frame else f"expected {error.expected}, found {error.seen}"
+        text = (
+            error_in_words(frame)
+            if frame.is_error_frame
+            else f"expected {error.expected}, found {error.seen}"
+        )
         return DecodedFrame(frame.timestamp, frame.arbitration_id, name, {}, text)
     problem = None
     if guard is not None and name in database.protected:
@@ -90,60 +85,6 @@ def decoded(frames: Iterable[can.Message], database: LineDatabase) -> Iterator[D
 def decode_log(path: str | PathLike[str], database: LineDatabase) -> Iterator[DecodedFrame]:
     """All frames of a log in readable form; raises as `read_log`."""
     return decoded(read_log(path), database)
-
-
-def read_log(path: str | PathLike[str]) -> Iterator[can.Message]:
-    """All frames of a candump (``.log``), ASC or BLF file, in order.
-
-    Raises
-    ------
-    FormatError
-        When the file is missing, of another kind, or damaged.
-    """
-    file = Path(path)
-    if file.suffix.lower() not in LOG_ENDINGS:
-        raise FormatError(
-            file=file, expected=f"a log ending in {', '.join(LOG_ENDINGS)}", seen=file.suffix or "no ending"
-        )
-    count = 0
-    try:
-        # Opened here and not by the reader, which would leave a damaged file open.
-        with open_ordinary(file, "a log of CAN frames", LOG) as binary:
-            for frame in _reader(file, binary):
-                count += 1
-                yield frame
-    except OSError as error:
-        raise FormatError(file=file, expected="a readable log", seen=str(error.strerror or error)) from error
-    except _DAMAGED as error:
-        raise FormatError(
-            file=file, expected="a valid log of CAN frames", seen=f"{error} after {count} frames"
-        ) from error
-
-
-def _reader(file: Path, binary: BinaryIO) -> Iterable[can.Message]:
-    match file.suffix.lower():
-        case ".blf":
-            return can.BLFReader(binary)
-        case ".asc":
-            return can.ASCReader(_Lines(binary, encoding="utf-8"))
-        case _:
-            return can.CanutilsLogReader(_Lines(binary, encoding="utf-8"))
-
-
-class _Lines(io.TextIOWrapper):
-    """Lines of a log, none longer than any log has: a file of zeros is one line without an end."""
-
-    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]
-        line = super().readline(_LONGEST_LINE if size < 0 else min(size, _LONGEST_LINE))
-        if len(line) == _LONGEST_LINE or "\0" in line:
-            what = "bytes of zero" if "\0" in line else f"a line of {_LONGEST_LINE} characters and more"
-            raise ValueError(f"{what}, which no log has,")
-        return line
-
-    def __next__(self) -> str:  # type: ignore[override]
-        if line := self.readline():
-            return line
-        raise StopIteration
 
 
 def live_frames(

@@ -7,18 +7,30 @@ start begins a new one.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from pathlib import Path
 
 import can
-from can.io.generic import MessageWriter
+from can.io.generic import MessageWriter, SizedMessageWriter
+from can.typechecking import StringPathLike
 
 from alignment.errors import ConfigurationError
 
 LOG_ENDINGS = (".log", ".asc", ".blf")
 # Only a candump log is a row of lines, to which more can be added.
-_APPENDED = ".log"
+_APPENDED, _ASC = ".log", ".asc"
+
+
+class _AscLog(can.ASCWriter):
+    """An ASC file that begins at a whole second: its header has milliseconds, and no time loses digits."""
+
+    def on_message_received(self, msg: can.Message) -> None:
+        """Write one frame."""
+        if not self.header_written:
+            self.log_event("begin of the log", math.floor(msg.timestamp))
+        super().on_message_received(msg)
 
 
 class RotatingLog(can.SizedRotatingLogger):
@@ -53,6 +65,11 @@ class RotatingLog(can.SizedRotatingLogger):
         elif file.exists() and file.stat().st_size > 0:
             self._put_aside()
         super().__init__(file, max_bytes=most_bytes, **({"append": True} if appended else {}))
+
+    def _get_new_writer(self, filename: StringPathLike) -> SizedMessageWriter:
+        if Path(filename).suffix.lower() == _ASC:
+            return _AscLog(filename)
+        return super()._get_new_writer(filename)
 
     def _older(self, number: int) -> Path:
         return self._file.with_name(f"{self._file.stem}.{number}{self._file.suffix}")
@@ -114,7 +131,9 @@ def open_log(path: Path, most_bytes: int | None = None, files: int = 1) -> Messa
             raise ConfigurationError(
                 file=path, field="log", expected="an ordinary file", seen="a folder, a pipe or a device"
             )
-        return can.Logger(path) if most_bytes is None else RotatingLog(path, most_bytes, files)
+        if most_bytes is not None:
+            return RotatingLog(path, most_bytes, files)
+        return _AscLog(path) if path.suffix.lower() == _ASC else can.Logger(path)
     except OSError as error:
         raise ConfigurationError(
             file=path,

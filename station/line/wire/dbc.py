@@ -140,7 +140,7 @@ class LineDatabase:
                 file=self.file,
                 field=name,
                 expected=f"a classic data frame of {message.length} bytes",
-                seen=f"{len(frame.data)} bytes" + (", remote" if frame.is_remote_frame else ""),
+                seen=_kind_of(frame),
             )
         decoded = message.decode_simple(bytes(frame.data))
         return {key: _plain(value) for key, value in decoded.items()}
@@ -359,6 +359,13 @@ def load_line_database(path: str | PathLike[str]) -> LineDatabase:
         raise
     except DAMAGED as error:
         raise ConfigurationError(file=file, expected="a DBC of the line", seen=repr(error)) from error
+
+
+def _kind_of(frame: can.Message) -> str:
+    """What a frame is that is not what it should be."""
+    if frame.is_remote_frame:
+        return "a remote request"
+    return f"{'a CAN FD frame of ' if frame.is_fd else ''}{len(frame.data)} bytes"
 
 
 def _plain(value: object) -> Value:

@@ -50,10 +50,10 @@ def test_numbers_are_short(database: LineDatabase) -> None:
     [
         ("absent.log", None, "no such file"),
         ("traffic.xlsx", b"", "log ending in"),
-        ("damaged.log", b"(1.0) can0 110#0000000000000000\n(x) can0 11", "after 1 frames"),
-        ("damaged.blf", b"LOGGnonsense", "valid log"),
-        ("damaged.blf", b"", "valid log"),
-        ("binary.log", b"\xff\xfe\x00\x81", "valid log"),
+        ("damaged.log", b"(1.0) can0 110#0000000000000000\n(x) can0 11", "after 1 frame"),
+        ("damaged.blf", b"LOGGnonsense", "whole BLF log"),
+        ("damaged.blf", b"", "whole BLF log"),
+        ("binary.log", b"\xff\xfe\x00\x81", "whole candump log"),
     ],
 )
 def test_damaged_log(

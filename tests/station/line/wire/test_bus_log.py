@@ -11,7 +11,7 @@ import pytest
 
 from alignment.errors import ConfigurationError
 from station.configuration.settings import read_configuration
-from station.line.tools.monitor import read_log
+from station.line.tools.logs.reading import read_log
 from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.bus_log import open_log
 from station.line.wire.channel import BusSettings
