@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -25,18 +25,17 @@ from station.calibration.pictures import (
     uncertainty_map,
     volume_coverage,
 )
+from station.pages import page
 
 REPORT_FILE = "report.html"
 
-_STYLE = """
-body { font-family: system-ui, sans-serif; max-width: 75rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
-table { border-collapse: collapse; margin: 0.5rem 0 1.5rem; font-size: 0.85rem }
-th, td { border: 1px solid #ccc; padding: 0.2rem 0.6rem; text-align: right }
-th:first-child, td:first-child { text-align: left }
-img { max-width: 100%; height: auto }
-.verdict { padding: 0.8rem 1rem; border-left: 0.5rem solid; background: #f4f4f4 }
-.accepted { border-color: #2a7a2a } .refused { border-color: #b02020 }
-"""
+
+@dataclass(frozen=True)
+class Table:
+    """Texts of a table, by rows."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 def write_report(
@@ -99,39 +98,36 @@ def write_report(
             mark_corrections(adjustment),
         ),
     )
-    body = [
-        f"<h1>Calibration {escape(identity)}</h1>",
-        f"<p>Rig {escape(rig)}, side {side}; made "
-        f"{created_utc.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC by {escape(method)}, lens model "
-        f"{escape(adjustment.model)}.</p>",
-        _verdict(judgement, adjustment),
-        "<h2>Cameras</h2>",
-        _camera_table(adjustment, judgement),
-        _parameter_tables(adjustment),
-        "<h2>Stage</h2>",
-        _stage_table(adjustment),
-    ]
-    for title, caption, figure in pictures:
-        body.append(f"<h2>{title}</h2><p>{caption}</p>{_image(figure, title)}")
-    page = (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>Calibration {escape(identity)}</title><style>{_STYLE}</style></head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body></html>\n"
+    text = page(
+        __package__,
+        "calibration.html",
+        title=f"Calibration {identity}",
+        rig=rig,
+        side=side,
+        created=f"{created_utc.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
+        method=method,
+        model=adjustment.model,
+        verdict="accepted" if judgement else "refused",
+        reason=judgement.reason,
+        figures=_figures(judgement, adjustment),
+        cameras=_camera_table(adjustment, judgement),
+        parameters=_parameter_table(adjustment),
+        stage=_stage_table(adjustment),
+        pictures=[
+            {"title": title, "caption": caption, "data": _png(figure)} for title, caption, figure in pictures
+        ],
     )
     path = folder / REPORT_FILE
-    write_bytes(path, page.encode("utf-8"))
+    write_bytes(path, text.encode("utf-8"))
     return path
 
 
-def _verdict(judgement: Judgement, adjustment: Adjustment) -> str:
-    kind = "accepted" if judgement else "refused"
+def _figures(judgement: Judgement, adjustment: Adjustment) -> str:
     views, marks = len(adjustment.data.views), len(np.unique(adjustment.mark))
     return (
-        f'<p class="verdict {kind}"><strong>{kind.capitalize()}.</strong> {escape(judgement.reason)}.</p>'
-        f"<p>{views} views, {marks} marks, {len(adjustment.camera)} observations, residual "
+        f"{views} views, {marks} marks, {len(adjustment.camera)} observations, residual "
         f"{adjustment.rms_px:.4f} px RMS, condition {adjustment.condition:.1e}, {adjustment.iterations} steps"
-        f"{_angles(judgement)}.</p>"
+        f"{_angles(judgement)}"
     )
 
 
@@ -142,7 +138,7 @@ def _angles(judgement: Judgement) -> str:
     return f"; predicted U95 of camber {camber:.3f}′, of toe {toe:.3f}′"
 
 
-def _camera_table(adjustment: Adjustment, judgement: Judgement) -> str:
+def _camera_table(adjustment: Adjustment, judgement: Judgement) -> Table:
     rows = [
         (
             figures.name,
@@ -161,10 +157,10 @@ def _camera_table(adjustment: Adjustment, judgement: Judgement) -> str:
         "camera", "views", "marks", "image covered", "depth range", "noise over stated", "without weight",
         "correlation", "redundancy",
     )  # fmt: skip
-    return _table(head, rows)
+    return Table(head, rows)
 
 
-def _parameter_tables(adjustment: Adjustment) -> str:
+def _parameter_table(adjustment: Adjustment) -> Table:
     """Poses and lenses with their standard uncertainties."""
     deviations = np.sqrt(np.maximum(np.diag(adjustment.covariance), 0.0))
     rows, first = [], 0
@@ -183,7 +179,7 @@ def _parameter_tables(adjustment: Adjustment) -> str:
     head = (
         "camera", "u(rx) [′]", "u(ry) [′]", "u(rz) [′]", "x [mm]", "y [mm]", "z [mm]", *names,
     )  # fmt: skip
-    return "<p>Values ± standard uncertainty; rotations about the camera's own axes.</p>" + _table(head, rows)
+    return Table(head, rows)
 
 
 def _with_sigma(value: float, sigma: float) -> str:
@@ -194,28 +190,20 @@ def _with_sigma(value: float, sigma: float) -> str:
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
 
-def _stage_table(adjustment: Adjustment) -> str:
+def _stage_table(adjustment: Adjustment) -> Table:
     rows: list[Sequence[str]] = []
     for view, moved in zip(adjustment.data.views, adjustment.stage_correction_mm, strict=True):
         if view.stage_mm is None:
-            rows.append((escape(view.name), "held by hand", "", "", "", "", ""))
+            rows.append((view.name, "held by hand", "", "", "", "", ""))
         else:
             stage, correction = view.stage_mm, 1000.0 * moved
-            rows.append((escape(view.name), *(f"{v:.3f}" for v in stage), *(f"{v:+.1f}" for v in correction)))
+            rows.append((view.name, *(f"{v:.3f}" for v in stage), *(f"{v:+.1f}" for v in correction)))
     head = ("view", "x [mm]", "y [mm]", "z [mm]", "Δx [µm]", "Δy [µm]", "Δz [µm]")
-    return _table(head, rows)
+    return Table(head, rows)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Cells are HTML already."""
-    lines = ["<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows]
-    return (
-        "<table><tr>" + "".join(f"<th>{name}</th>" for name in head) + "</tr>" + "".join(lines) + "</table>"
-    )
-
-
-def _image(figure: Figure, title: str) -> str:
+def _png(figure: Figure) -> str:
+    """A picture as it stands in the address of an image."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return f'<img alt="{escape(title)}" src="data:image/png;base64,{data}">'
+    return base64.b64encode(buffer.getvalue()).decode("ascii")

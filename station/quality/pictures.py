@@ -111,7 +111,7 @@ def as_html(picture: Picture) -> str:
     }
     if any(trace.right for trace in picture.traces):
         layout["yaxis2"] = {
-            "title": {"text": picture.right_label},
+            "title": {"text": escape(picture.right_label)},
             "overlaying": "y",
             "side": "right",
             "rangemode": "tozero",

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,12 @@ def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path:
     assert "in order" in run(program, tmp_path, "demo", "--vehicles", "1", "--out", "demo")
     assert (tmp_path / "demo" / "results.db").is_file()
     assert "simulated  truewheel" in run(program, tmp_path, "camera", "list")
+    run(program, tmp_path, "db", "migrate", "--database", "sqlite:///results.db")
+    run(program, tmp_path, "report", "all", "--database", "sqlite:///results.db", "--out", "report.html")
+    assert "Quality report" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    with zipfile.ZipFile(next(program.parents[2].glob("*.whl"))) as wheel:
+        carried = set(wheel.namelist())
+    assert {str(path.relative_to(ROOT)) for path in ROOT.glob("station/**/templates/*")} <= carried
     # Nothing was written beside the program.
     assert not list((program.parents[1]).rglob("*.db"))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from db.exports.pdf import Document
 from station.quality.pictures import as_figure
-from station.quality.reports.report import Report, Section
+from station.quality.reports.report import Report, Section, shown_cell
 
 LONGEST_TABLE = 500
 _COLUMNS = 9
@@ -64,6 +64,4 @@ def _widths(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
 
 
 def _shown(value: object) -> str:
-    if value is None or value == "":
-        return "–"
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    return shown_cell(value, 5)

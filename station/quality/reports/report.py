@@ -113,5 +113,12 @@ def shown_time(time: datetime | None) -> str:
     return "–" if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
+def shown_cell(value: object, digits: int) -> str:
+    """A cell as a person reads it: so many digits of a number, a dash for none."""
+    if value is None or value == "":
+        return "–"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -30,6 +31,31 @@ def test_report_is_one_file_that_names_every_camera_view_and_figure(tmp_path: Pa
     for view in adjustment.data.views:
         assert f"<td>{view.name}</td>" in page
     assert "2026-11-22 12:00:00 UTC" in page
+
+
+def test_markup_in_what_somebody_typed_stays_text(tmp_path: Path) -> None:
+    """The name of the rig, of a view, of a head; the identity, the method, the reason."""
+    adjustment, _ = adjusted()
+    nasty = "</style><script>alert(1)</script>\"'&amp;"
+    data = adjustment.data
+    views = [replace(view, name=nasty) for view in data.views]
+    redundancy = {(nasty, "left"): 1.0}
+    adjustment = replace(adjustment, data=replace(data, views=views), redundancy=redundancy)
+    figures = tuple(replace(each, camera=(nasty, "left")) for each in camera_figures(adjustment))
+    path = write_report(
+        tmp_path,
+        adjustment,
+        Judgement(CalibrationProblem.NOISY, nasty, figures),
+        identity=nasty,
+        rig=nasty,
+        side="left",
+        method=nasty,
+        created_utc=NOON,
+    )
+    page = path.read_text(encoding="utf-8")
+    assert "<script" not in page
+    assert page.count("</style>") == 1
+    assert page.count("&lt;script&gt;alert(1)") >= 5 + len(views) + len(figures)
 
 
 def test_report_of_a_refused_calibration_says_why_and_escapes_names(tmp_path: Path) -> None:

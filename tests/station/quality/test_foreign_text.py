@@ -39,8 +39,11 @@ def test_pictures_take_any_text(tmp_path: Path, text: str) -> None:
 def test_markup_in_a_picture_is_text() -> None:
     nasty = "</script><script>alert(1)</script><b>x"
     picture = Picture(
-        nasty, nasty, nasty, (Trace(nasty, "bar", [nasty], [1.0], [nasty]),), {nasty: 1.0}, [(0, nasty)]
-    )
+        nasty, nasty, nasty, (Trace(nasty, "bar", [nasty], [1.0], [nasty], right=True),), {nasty: 1.0},
+        [(0, nasty)], right_label=nasty,
+    )  # fmt: skip
     page = as_html(picture)
     assert "<script>alert" not in page
-    assert "<b>x" not in page.replace("\\u003c", "<")
+    plain = page.replace("\\u003c", "<").replace("\\u003e", ">")
+    assert "<script>alert" not in plain
+    assert "<b>x" not in plain

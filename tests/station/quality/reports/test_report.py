@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,25 @@ import numpy as np
 import pytest
 
 from alignment.statistics.choices import ChartKind, RuleSet
+from db.connection import migrate
 from db.queries import Characteristic, Filter, ResultReader, ValueSeries, value_series
+from db.records import CycleOutcome, EventRecord, Severity, VehicleRecord
+from db.store import ResultStore
 from station.quality.reports.choices import ReportKind, SplitBy
 from station.quality.reports.make import ReportOptions, make_report
 from station.quality.reports.report import Report
 from station.quality.reports.values import comparable
+from tests.db.example_records import (
+    CALIBRATION,
+    NOON,
+    cycle,
+    installation,
+    refused_wheel,
+    wheel,
+    zero,
+)
+from tests.db.example_records import check as calibration_check
+from tests.db.example_records import station as described
 from tests.station.quality.conftest import HIGH_DEG, PER_STATION, START, STATIONS
 
 Run = Callable[..., tuple[int, str, str]]
@@ -229,24 +244,81 @@ def test_html_holds_its_pictures_and_needs_no_network(month: str, run: Run, tmp_
     assert "Halle Süd" in page
 
 
-def test_markup_in_names_stays_text(run: Run, tmp_path: Path) -> None:
-    from db.connection import migrate
-    from db.records import VehicleRecord
-    from db.store import ResultStore
-    from tests.db.example_records import CALIBRATION, cycle
+NASTY = "</script><script>alert(1)</script>&amp;'\"[bold]x"
 
-    url = f"sqlite:///{tmp_path / 'r.db'}"
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """URL of a database in which everything that somebody typed is markup."""
+    url = f"sqlite:///{tmp_path_factory.mktemp('hostile') / 'r.db'}"
     migrate(url)
-    nasty = "<script>alert(1)</script>[bold]x"
     with ResultStore(url) as store:
         store.record_calibration(CALIBRATION)
-        for number in range(3):
-            store.write_cycle(cycle(station=nasty, vehicle=VehicleRecord(f"{nasty}{number}", nasty)))
-    status, out, _ = run("report", "all", "--database", url, "--out", tmp_path / "r.html")
+        store.describe_station(
+            described(station=NASTY, plant=NASTY, label=NASTY), (), (installation(station=NASTY),)
+        )
+        store.record_zero(zero(master=NASTY, forced_reason=NASTY))
+        store.record_check(calibration_check(reason=NASTY))
+        for number in range(6):
+            wheels = (wheel("front_left"), wheel("front_right"), refused_wheel(reason_text=NASTY))
+            vehicle = VehicleRecord(f"{NASTY}{number}", NASTY)
+            store.write_cycle(
+                cycle(
+                    station=NASTY,
+                    vehicle=vehicle,
+                    wheels=wheels,
+                    outcome=CycleOutcome.FAULT,
+                    reason_code=NASTY,
+                    reason_text=NASTY,
+                )
+            )
+        store.record_event(EventRecord(NOON, NASTY, Severity.ERROR, NASTY, NASTY, NASTY))
+    return url
+
+
+class _Page(HTMLParser):
+    """The text of a page, and its elements that could do something."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.text, self.scripts, self.acting = "", 0, list[str]()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.scripts += tag == "script"
+        self.acting += [name for name, _ in attrs if name.startswith("on")] + [tag] * (tag == "bold")
+
+    def handle_data(self, data: str) -> None:
+        if self.lasttag != "script":
+            self.text += data
+
+
+@pytest.mark.parametrize("kind", ReportKind)
+def test_markup_that_somebody_typed_stays_text(
+    hostile: str, run: Run, tmp_path: Path, kind: ReportKind
+) -> None:
+    """VIN, vehicle type, station, plant, reasons, events, master and database: on every page."""
+    path = tmp_path / "r.html"
+    chosen = ("--vin", f"{NASTY}1") if kind is ReportKind.VIN else ()
+    status, out, _ = run("report", kind, "--database", hostile, *chosen, "--out", path, "--json")
     assert status == 0
-    assert nasty in out
-    assert "<script>alert" not in (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert run("report", "vin", "--vin", f"{nasty}1", "--database", url, "--out", tmp_path / "r.pdf")[0] == 0
+    found = _Page(path)
+    pictures = path.read_text(encoding="utf-8").count('class="plotly-graph-div"')
+    # The program that draws, and each picture's call of it.
+    assert found.scripts == (1 + pictures if pictures else 0)
+    assert found.acting == []
+    assert "<script>alert" not in path.read_text(encoding="utf-8")
+    assert NASTY in found.text or NASTY not in out
+
+
+def test_markup_in_names_is_shown_in_the_terminal_and_on_paper(
+    hostile: str, run: Run, tmp_path: Path
+) -> None:
+    status, out, _ = run("report", "all", "--database", hostile)
+    assert status == 0
+    assert "<script>alert(1)" in out
+    chosen = ("--vin", f"{NASTY}1", "--database", hostile)
+    assert run("report", "vin", *chosen, "--out", tmp_path / "r.pdf")[0] == 0
 
 
 def test_pdf_holds_its_pictures(month: str, run: Run, tmp_path: Path) -> None:
