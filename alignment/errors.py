@@ -21,16 +21,68 @@
     └── SeveralErrors(ExceptionGroup)       all failures of one step, reported together
 
 A measurement that failed is not an error: it is a `Refusal` value (see `alignment.values`).
-Each error says where, what was expected, what was seen, and the cure.
+Each error says where, what was expected, what was seen, and the cure. It speaks of choices and remedies in
+plain words; a surface that has its own (options of a command, inputs of a screen) tells them in `Words`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 from os import PathLike, fspath
+
+
+class Deed(StrEnum):
+    """What a person can do about an error, and each surface has its own way to; in plain words."""
+
+    FORCE = "To do it all the same, force it and give a reason, which is recorded"
+    NAME_CONFIGURATION = "Name one"
+    BEGIN_CONFIGURATION = "Name one, or write one to start from"
+    SAY_IMAGE_SIZE = "Say the size of the images"
+    MIGRATE = "Migrate the database {of}"
+    MAKE_DATABASE = "Make the database {of} first"
+    CHECK_DATABASE = "Check the whole database"
+    REBUILD_SUMS = "Make the sums anew of the results"
+    LIST_ZEROS = "See the list of the zero measurements"
+    LIST_STUDIES = "See the list of the studies"
+    WARM_UP = "Compile the functions, then try again"
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A deed, what it is done to (the URL of a database), and what else there is to do, a sentence."""
+
+    deed: Deed
+    of: str = ""
+    then: str = ""
+
+    def __str__(self) -> str:
+        return self.told(str(self.deed))
+
+    def told(self, deed: str) -> str:
+        """Return the sentences of the remedy with the deed in other words; ``{of}`` is what it is done to."""
+        return ". ".join(part for part in (deed.replace("{of}", self.of), self.then) if part)
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a surface names a choice of the person who asked, and tells a remedy."""
+
+    choice: Callable[[str], str] = str
+    remedy: Callable[[Remedy], str] = str
+
+
+PLAIN = Words()
+"""The words of a surface without any of its own."""
 
 
 class TruewheelError(Exception):
     """Base class of all errors of the product; `str(error)` is one sentence for a person."""
+
+    def told(self, words: Words) -> str:
+        """Return the sentence in the words of a surface."""
+        return str(self)
 
 
 def told(error: BaseException, longest: int = 300) -> str:
@@ -53,8 +105,13 @@ class InputError(TruewheelError, ValueError):
         The file at fault, when there is one.
     field
         The field in it, in dotted form (``heads[1].left.fx``), when there is one.
+    choice
+        Instead of a field: what the person who asked chose, in plain words (``study``, ``limits from``),
+        several with commas between them. A command shows its option, a screen what stands beside the input.
     cure
         What to do, a whole sentence.
+    remedy
+        What to do that each surface has its own way to; told after the cure.
     """
 
     def __init__(
@@ -64,22 +121,33 @@ class InputError(TruewheelError, ValueError):
         seen: str | None = None,
         file: str | PathLike[str] | None = None,
         field: str | None = None,
+        choice: str | None = None,
         cure: str | None = None,
+        remedy: Remedy | None = None,
     ) -> None:
         self.expected = expected
         self.seen = seen
         self.file = None if file is None else fspath(file)
-        self.field = field
+        self.field = choice if field is None else field
+        self.choice = choice
         self.cure = cure
+        self.remedy = remedy
+        super().__init__(self.told(PLAIN))
+
+    def told(self, words: Words) -> str:
+        """Return the sentence in the words of a surface."""
+        field = self.field
+        if self.choice is not None:
+            field = ", ".join(words.choice(name.strip()) for name in self.choice.split(","))
         where = ", ".join(part for part in (self.file, field and f"field '{field}'") if part)
-        text = f"expected {expected}"
-        if seen is not None:
-            text += f", found {seen}"
+        text = f"expected {self.expected}"
+        if self.seen is not None:
+            text += f", found {self.seen}"
         if where:
             text = f"{where}: {text}"
-        if cure:
-            text += f". {cure}"
-        super().__init__(text)
+        return ". ".join(
+            part for part in (text, self.cure, self.remedy and words.remedy(self.remedy)) if part
+        )
 
 
 class FormatError(InputError):
@@ -134,7 +202,20 @@ class LineTimeoutError(LineError, TimeoutError):
     """No answer from the other side within the bounded time."""
 
 
-class StoreError(TruewheelError, RuntimeError):
+class _RemediedError(TruewheelError, RuntimeError):
+    """A fault told in one text, and what a person can do about it."""
+
+    def __init__(self, problem: str, remedy: Remedy | None = None) -> None:
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(self.told(PLAIN))
+
+    def told(self, words: Words) -> str:
+        """Return the sentence in the words of a surface."""
+        return self.problem if self.remedy is None else f"{self.problem}. {words.remedy(self.remedy)}"
+
+
+class StoreError(_RemediedError):
     """The result database refused or failed."""
 
 
@@ -150,7 +231,7 @@ class StoreSchemaError(StoreError):
     """The database has another schema revision than this program; the message holds the cure."""
 
 
-class WarmUpError(TruewheelError, RuntimeError):
+class WarmUpError(_RemediedError):
     """What a measurement needs could not be compiled or loaded.
 
     Example: ``the function alignment.imaging.ridges.scan_rows was not compiled: …``.
@@ -168,4 +249,12 @@ class SeveralErrors(TruewheelError, ExceptionGroup):  # noqa: N818  (the name re
         return SeveralErrors(self.message, excs)
 
     def __str__(self) -> str:
-        return "; ".join([self.message, *(str(error) for error in self.exceptions)])
+        return self.told(PLAIN)
+
+    def told(self, words: Words) -> str:
+        """Return the sentences of all in the words of a surface."""
+        parts = [
+            error.told(words) if isinstance(error, TruewheelError) else str(error)
+            for error in self.exceptions
+        ]
+        return "; ".join([self.message, *parts])

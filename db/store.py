@@ -11,7 +11,7 @@ from uuid import UUID
 
 from sqlalchemy import Connection, Engine, false, func, select
 
-from alignment.errors import StoreError
+from alignment.errors import Deed, Remedy, StoreError
 from db.connection import (
     check_revision,
     describe,
@@ -201,7 +201,8 @@ class ResultStore:
             if not known:
                 raise StoreError(
                     f"database {self._where}: expected the id of a zero measurement, found"
-                    f" '{record.zero_id}'. `truewheel zero list` shows them"
+                    f" '{record.zero_id}'",
+                    Remedy(Deed.LIST_ZEROS),
                 )
             before = known[0].revocation
             if before is None:

@@ -35,6 +35,7 @@ from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
 from station.commands.study import study
 from station.commands.warm_up import warm_up
+from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
 from station.configuration.places import own_config
 
@@ -59,17 +60,17 @@ app.command()(bench)
 app.command()(export)
 app.command()(warm_up)
 app.command()(report)
-app.add_typer(wheel.simulate_app, name="simulate")
-app.add_typer(calibration_app, name="calibration")
-app.add_typer(gauge_app, name="gauge")
-app.add_typer(line_app, name="line")
-app.add_typer(config_app, name="config")
-app.add_typer(camera_app, name="camera")
-app.add_typer(db_app, name="db")
-app.add_typer(zero_app, name="zero")
+app.add_typer(wheel.simulate_app, name="simulate", cls=Verbs)
+app.add_typer(calibration_app, name="calibration", cls=Verbs)
+app.add_typer(gauge_app, name="gauge", cls=Verbs)
+app.add_typer(line_app, name="line", cls=Verbs)
+app.add_typer(config_app, name="config", cls=Verbs)
+app.add_typer(camera_app, name="camera", cls=Verbs)
+app.add_typer(db_app, name="db", cls=Verbs)
+app.add_typer(zero_app, name="zero", cls=Verbs)
 
 
-@app.callback(invoke_without_command=True)
+@app.callback(cls=Verbs, invoke_without_command=True)
 def _truewheel(
     show_version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
 ) -> None:
@@ -115,10 +116,11 @@ def exit_status(error: TruewheelError) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; ends the program with the exit status."""
+    running = Running()
     try:
-        app(args=arguments)
+        app(args=arguments, obj=running)
     except TruewheelError as error:
-        typer.echo(f"truewheel: {error}", err=True)
+        typer.echo(f"truewheel: {error.told(running.words())}", err=True)
         sys.exit(exit_status(error))
     except OSError as error:
         # What the formats do not translate: an output folder that cannot be made, a broken pipe.

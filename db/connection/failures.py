@@ -8,7 +8,14 @@ from contextlib import contextmanager
 
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError, StatementError
 
-from alignment.errors import StoreDamagedError, StoreError, StoreUnavailableError, TruewheelError
+from alignment.errors import (
+    Deed,
+    Remedy,
+    StoreDamagedError,
+    StoreError,
+    StoreUnavailableError,
+    TruewheelError,
+)
 
 _Sentence = tuple[type[StoreError], str]
 
@@ -96,8 +103,8 @@ def damaged(where: str, error: Exception) -> StoreDamagedError:
     """The error for a row that cannot be read as what it must be."""
     detail = " ".join(str(error).split()).rstrip(".")
     return StoreDamagedError(
-        f"database {where} holds what no program stored ({type(error).__name__}: {detail}). Run `truewheel db"
-        " check --all`, keep a copy of the file, then restore the last backup"
+        f"database {where} holds what no program stored ({type(error).__name__}: {detail})",
+        Remedy(Deed.CHECK_DATABASE, then="Keep a copy of the file, then restore the last backup"),
     )
 
 

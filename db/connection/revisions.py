@@ -10,7 +10,7 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import URL, Connection, inspect, text
 
-from alignment.errors import StoreSchemaError, StoreUnavailableError
+from alignment.errors import Deed, Remedy, StoreSchemaError, StoreUnavailableError
 from db.connection.engine import describe, make_engine, parse_url
 from db.connection.failures import store_errors
 from db.schema.partitions import ensure_partitions
@@ -115,13 +115,13 @@ def check_revision(connection: Connection, where: str) -> None:
     current = revision_of(connection, where)
     if current == head:
         return
-    cure = f"Run `truewheel db migrate --database {where}`"
+    remedy = Remedy(Deed.MIGRATE, where)
     if current is None:
-        raise StoreSchemaError(f"database {where} is empty. {cure}")
+        raise StoreSchemaError(f"database {where} is empty", remedy)
     if current not in _revisions():
         raise newer_schema(where, current)
     raise StoreSchemaError(
-        f"database {where} has revision {current}, older than revision {head} that this program needs. {cure}"
+        f"database {where} has revision {current}, older than revision {head} that this program needs", remedy
     )
 
 
@@ -138,8 +138,7 @@ def require_file(url: URL) -> None:
     path = None if url.get_backend_name() != "sqlite" else Path(url.database or "")
     if path is not None and not path.exists():
         raise StoreUnavailableError(
-            f"database {describe(url)} does not exist."
-            f" Create it with `truewheel db migrate --database {describe(url)}`"
+            f"database {describe(url)} does not exist", Remedy(Deed.MAKE_DATABASE, describe(url))
         )
 
 

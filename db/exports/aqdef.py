@@ -121,10 +121,10 @@ def write_aqdef(
     ending = path.suffix.lower()
     if ending not in (".dfq", ".dfd", ".dfx"):
         raise ConfigurationError(
-            field="--out", expected="a name that ends in .dfq, .dfd or .dfx", seen=path.name
+            choice="out", expected="a name that ends in .dfq, .dfd or .dfx", seen=path.name
         )
     if encoding not in ENCODINGS:
-        raise ConfigurationError(field="--encoding", expected=f"one of {', '.join(ENCODINGS)}", seen=encoding)
+        raise ConfigurationError(choice="encoding", expected=f"one of {', '.join(ENCODINGS)}", seen=encoding)
     collected = _Collected(sorted(events, key=lambda event: event.utc), timezone)
     try:
         for row in rows:
@@ -133,7 +133,7 @@ def write_aqdef(
             files = _write(path, ending, ENCODINGS[encoding], collected)
         except UnicodeEncodeError as error:
             raise ConfigurationError(
-                field="--encoding",
+                choice="encoding",
                 expected=f"a character set with {error.object[error.start]!r}",
                 seen=encoding,
                 cure="Use utf-8",

@@ -131,7 +131,7 @@ def _chosen(history: VinHistory, cycle: UUID | None) -> StoredCycle:
     found = [stored for stored in history.cycles if cycle is None or stored.record.uuid == cycle]
     if not found:
         raise InputError(
-            field="--vin" if cycle is None else "--cycle",
+            choice="vin" if cycle is None else "cycle",
             expected=f"a cycle of {history.vin!r}",
             seen="none" if cycle is None else f"none with UUID {cycle}",
         )

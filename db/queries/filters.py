@@ -76,7 +76,7 @@ class Characteristic:
         part, _, quantity = text.rpartition(".")
         if not part or quantity not in set(Quantity):
             raise InputError(
-                field="characteristic",
+                choice="characteristic",
                 expected=f"PART.QUANTITY, the quantity one of {', '.join(Quantity)}",
                 seen=ascii(text),
             )
@@ -103,7 +103,7 @@ class Shift:
     def __post_init__(self) -> None:
         if self.start.tzinfo or self.end.tzinfo or self.start == self.end:
             raise InputError(
-                field="shift", expected="two different times of day", seen=f"{self.start} to {self.end}"
+                choice="shift", expected="two different times of day", seen=f"{self.start} to {self.end}"
             )
         self._zone()
 
@@ -112,7 +112,7 @@ class Shift:
             return ZoneInfo(self.timezone)
         except (ZoneInfoNotFoundError, ValueError, OSError) as error:
             raise InputError(
-                field="timezone", expected="a name such as Europe/Berlin", seen=ascii(self.timezone)
+                choice="timezone", expected="a name such as Europe/Berlin", seen=ascii(self.timezone)
             ) from error
 
     def within(self, from_utc: datetime, until_utc: datetime) -> Iterator[tuple[datetime, datetime]]:
@@ -175,14 +175,14 @@ class Filter:
                 check_text(item.name, text)
         if self.from_utc and self.until_utc and self.from_utc >= self.until_utc:
             raise InputError(
-                field="until_utc", expected=f"a time after {self.from_utc}", seen=str(self.until_utc)
+                choice="until", expected=f"a time after {self.from_utc}", seen=str(self.until_utc)
             )
         if self.shift is not None:
             if self.from_utc is None or self.until_utc is None:
-                raise InputError(field="shift", expected="a period with beginning and end", seen="none")
+                raise InputError(choice="shift", expected="a period with beginning and end", seen="none")
             if self.until_utc - self.from_utc > _LONGEST_SHIFT_PERIOD:
                 raise InputError(
-                    field="shift",
+                    choice="shift",
                     expected="a period of at most 400 days",
                     seen=str(self.until_utc - self.from_utc),
                 )

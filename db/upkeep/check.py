@@ -10,6 +10,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, func, select
 
+from alignment.errors import Deed, Remedy
 from db.connection import (
     check_revision,
     describe,
@@ -44,6 +45,8 @@ class CheckReport:
         Cycles that are not in the sums yet; that slows answers and changes none.
     pending
         Records that wait to be shipped; None in a database without outbox.
+    remedies
+        What can be done about the findings.
     """
 
     revision: str
@@ -53,6 +56,7 @@ class CheckReport:
     pending: int | None
     findings: tuple[str, ...]
     heads: Mapping[str, Head] = field(default_factory=dict)
+    remedies: tuple[Remedy, ...] = ()
 
 
 def check_database(url: str, days: float | None = 7.0) -> CheckReport:
@@ -88,7 +92,13 @@ def _check(connection: Connection, days: float | None) -> CheckReport:
         findings += _told(connection, "the file", _file)
     findings += _told(connection, "the cells", cell_findings if local else impossible_times)
     findings += _told(connection, "the references", _references)
-    findings += _told(connection, "the sums", lambda found: _sums(found, days))
+    differing: list[str] = []
+
+    def sum_findings(found: Connection) -> Iterable[str]:
+        differing.extend(_sums(found, days))
+        return differing
+
+    findings += _told(connection, "the sums", sum_findings)
     findings += _told(connection, *(("the outbox", _outbox) if local else ("the arrivals", _arrivals)))
     if days is None:
         chains = [ChainReport({}, 0, ())]
@@ -101,7 +111,8 @@ def _check(connection: Connection, days: float | None) -> CheckReport:
         heads = chains[0].heads
     counts: dict[str, Any] = dict.fromkeys(("cycles", "wheels", "behind", "pending"), 0)
     findings += _told(connection, "the number of records", lambda found: _counted(found, counts))
-    return CheckReport(head_revision(), findings=tuple(findings), heads=heads, **counts)
+    remedies = (Remedy(Deed.REBUILD_SUMS),) if differing else ()
+    return CheckReport(head_revision(), findings=tuple(findings), heads=heads, remedies=remedies, **counts)
 
 
 def _told(connection: Connection, what: str, look: Callable[[Connection], Iterable[str]]) -> Iterator[str]:
@@ -223,4 +234,4 @@ def _sums(connection: Connection, days: float | None) -> Iterator[str]:
     first = None if days is None else int((newest - timedelta(days=days)).timestamp()) // 3600
     found = check_sums(connection, first)
     for difference in found.differences:
-        yield f"sums disagree with the results: {difference}. Run `truewheel db sums --rebuild`"
+        yield f"sums disagree with the results: {difference}"

@@ -19,7 +19,7 @@ from uuid import UUID, uuid4
 from sqlalchemy import Connection, Engine, Row, func, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
-from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
+from alignment.errors import ConfigurationError, Deed, Remedy, StoreError, StoreUnavailableError
 from db.connection import check_revision, describe, make_engine, parse_url, require_file, store_errors
 from db.rows import insert_rows, load_records, write_cycles, write_record
 from db.schema import arrivals, outbox, shipments, station_leases
@@ -202,7 +202,8 @@ class Shipper:
         if [entry.sequence for entry in entries] != list(range(done + 1, done + 1 + len(entries))):
             raise StoreError(
                 f"database {describe(self._local_url)} has gaps in its outbox after number {done}. Keep a"
-                " copy of the file, then run `truewheel db check`"
+                " copy of the file",
+                Remedy(Deed.CHECK_DATABASE),
             )
         now = datetime.now(UTC)
         try:

@@ -112,7 +112,7 @@ def check_folder(
     is_session = (folder / SESSION_FILE).exists()
     if is_session and master is not None:
         raise ConfigurationError(
-            field="--camber, --toe",
+            choice="camber, toe",
             expected="no certified angles with a plate session",
             seen="some",
             cure="Name the shot of the master wheel.",
@@ -131,7 +131,7 @@ def check_folder(
     shot = read_shot(folder, calibration)
     if master is None:
         raise ConfigurationError(
-            field="--camber, --toe",
+            choice="camber, toe",
             expected="the certified angles of the master wheel",
             seen="none",
             cure="Copy them from its certificate, in degrees.",
@@ -264,7 +264,7 @@ def _refuse_slip(found: WheelMeasurement, master: MasterWheel, limits: CheckLimi
     if slip is None or max(off) <= LARGEST_SHIFT:
         return
     raise ConfigurationError(
-        field="--camber, --toe",
+        choice="camber, toe",
         expected=f"certified angles near the measured camber {math.degrees(found.camber):.3f}° and toe "
         f"{math.degrees(found.toe):.3f}°",
         seen=f"camber {math.degrees(master.camber):.3f}°, toe {math.degrees(master.toe):.3f}°",

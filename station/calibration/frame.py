@@ -22,7 +22,7 @@ from alignment.calibration.gauge import (
     transfer_u95,
 )
 from alignment.calibration.observations import CalibrationInput
-from alignment.errors import ConfigurationError, FormatError
+from alignment.errors import ConfigurationError, Deed, FormatError, Remedy
 from alignment.values import RigCalibration
 from db.records import CalibrationRecord
 from db.store import ResultStore
@@ -61,6 +61,8 @@ class FramedRig:
         With the new pose and an identity of its own; None when refused.
     forced_reason
         Why a pose that is not believed counts all the same; None where it is believed.
+    remedy
+        What can be done about the problem, where a surface has its own way to it.
     """
 
     rig: str
@@ -69,6 +71,7 @@ class FramedRig:
     placed: PlacedRig | None
     calibration: RigCalibration | None
     forced_reason: str | None = None
+    remedy: Remedy | None = None
 
 
 def place_rigs(
@@ -146,7 +149,7 @@ def judged_rig(
     """Accept a placed rig with an identity of its own, or refuse it; what is in doubt needs a reason."""
     problem, doubt = judge_placing(placed), placing_in_doubt(placed)
     if problem is None and doubt is not None and forced_reason is None:
-        problem = f"{doubt}. To place it all the same, add --force with --reason, which is recorded"
+        return FramedRig(known.rig, known.id, doubt, placed, None, remedy=Remedy(Deed.FORCE))
     if problem is not None:
         return FramedRig(known.rig, known.id, problem, placed, None)
     new = replace(placed.calibration, id=calibration_id(placed.calibration, now_utc))
@@ -178,7 +181,7 @@ def _read_calibrations(paths: Sequence[Path]) -> dict[str, CalibrationFile]:
         file = read_calibration_file(path)
         if file.rig in found:
             raise ConfigurationError(
-                file=path, field="--calibration", expected="one for each rig", seen=f"two of '{file.rig}'"
+                file=path, choice="calibration", expected="one for each rig", seen=f"two of '{file.rig}'"
             )
         found[file.rig] = file
     return found
@@ -191,7 +194,7 @@ def _check_rigs(
         missing = [rig for rig in sessions if rig not in there]
         if missing:
             raise ConfigurationError(
-                field="--calibration" if there == set(known) else "--frame",
+                choice="calibration" if there == set(known) else "frame",
                 expected=f"{what} for each rig of the session: {', '.join(sessions)}",
                 seen=f"none for {', '.join(missing)}",
             )
@@ -253,14 +256,16 @@ def keep(
     return {file.rig: out / name for name, file in files.items()}
 
 
-def framed_as_json(framed: Sequence[FramedRig], files: dict[str, Path]) -> dict[str, Any]:
-    """Return what ``truewheel calibration frame --json`` prints."""
+def framed_as_json(
+    framed: Sequence[FramedRig], files: dict[str, Path], told: Callable[[Remedy], str] = str
+) -> dict[str, Any]:
+    """Return what ``truewheel calibration frame --json`` prints; `told` words a remedy."""
     refused = [f"{each.rig}: {each.problem}" for each in framed if each.problem is not None]
     placed = [each.placed for each in framed if each.placed is not None]
     return {
         "outcome": "refused" if refused else "accepted",
         "reason": "; ".join(refused) or None,
-        "rigs": [_rig_as_json(each, files.get(each.rig)) for each in framed],
+        "rigs": [_rig_as_json(each, files.get(each.rig), told) for each in framed],
         "figures": {
             "largest_transfer_u95_arcmin": max((transfer_u95(p) / ARCMIN for p in placed), default=None),
             "largest_angle_change_arcmin": max(
@@ -270,11 +275,12 @@ def framed_as_json(framed: Sequence[FramedRig], files: dict[str, Path]) -> dict[
     }
 
 
-def _rig_as_json(framed: FramedRig, file: Path | None) -> dict[str, Any]:
+def _rig_as_json(framed: FramedRig, file: Path | None, told: Callable[[Remedy], str]) -> dict[str, Any]:
     result: dict[str, Any] = {
         "rig": framed.rig,
         "outcome": "accepted" if framed.problem is None else "refused",
         "reason": framed.problem,
+        "remedy": None if framed.remedy is None else told(framed.remedy),
         "predecessor_id": framed.before,
         "calibration_id": None if framed.calibration is None else framed.calibration.id,
         "calibration": None if file is None else str(file),

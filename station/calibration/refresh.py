@@ -98,7 +98,7 @@ def refresh_file(
     if out.exists():
         raise ConfigurationError(
             file=out,
-            field="--out",
+            choice="out",
             expected="a new file",
             seen="one that is there",
             cure="Choose another name; what is there is not replaced",

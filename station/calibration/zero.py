@@ -13,7 +13,7 @@ import numpy as np
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration.prediction import angle_covariance
-from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.errors import ConfigurationError, Deed, DegenerateInputError, Remedy
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
 from alignment.values import MeasureSettings, Refusal, RigCalibration
@@ -74,7 +74,7 @@ def measure_zero(
     """
     if 2.0 * master.u > largest and forced_reason is None:
         raise ConfigurationError(
-            field="--certified-u95",
+            choice="certified u95",
             expected=f"an expanded uncertainty below the largest believable zero value, {_arcmin(largest)}",
             seen=_arcmin(2.0 * master.u),
             cure="Check the unit in the certificate: degrees are asked for",
@@ -138,11 +138,12 @@ def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: f
         )
     ]
     return ConfigurationError(
-        field="--camber, --toe",
+        choice="camber, toe",
         expected=f"certified angles within {_arcmin(largest)} of the measured camber "
         f"{math.degrees(measured[0]):.3f}° and toe {math.degrees(measured[1]):.3f}°",
         seen=", ".join(seen),
-        cure=f"{cure}. To store it all the same, add --force with --reason, which is recorded",
+        cure=cure,
+        remedy=Remedy(Deed.FORCE),
     )
 
 

@@ -9,6 +9,7 @@ import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of_force
 from station.commands.warm_up import compiled_for
+from station.commands.words import remedy_in_commands
 from station.configuration.places import default_config
 
 
@@ -75,7 +76,7 @@ def frame_command(
         )
     accepted = all(each.calibration is not None for each in framed)
     files = keep(out, framed, gauge, now, database) if accepted else {}
-    result = framed_as_json(framed, files) | {
+    result = framed_as_json(framed, files, remedy_in_commands) | {
         "frame": gauge.file.name,
         "stored": accepted and database is not None,
     }
@@ -90,7 +91,8 @@ def frame_command(
 def _print(result: dict[str, Any]) -> None:
     for rig in result["rigs"]:
         if rig["outcome"] == "refused":
-            typer.echo(f"{rig['rig']}: REFUSED, {rig['reason']}")
+            remedy = f". {rig['remedy']}" if rig["remedy"] else ""
+            typer.echo(f"{rig['rig']}: REFUSED, {rig['reason']}{remedy}")
             continue
         x, y, z = rig["position_mm"]
         typer.echo(

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from alignment.errors import Words
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
+from station.commands.words import remedy_in_commands
 from station.configuration.places import own_config
 
 config_app = typer.Typer(no_args_is_help=True, help="The station's configuration.")
@@ -46,12 +48,13 @@ def check(
     from station.running.checking import check_configuration
 
     path = own_config(file)
-    configuration, findings = check_configuration(path)
+    configuration, errors = check_configuration(path)
+    findings = [error.told(Words(remedy=remedy_in_commands)) for error in errors]
     if as_json:
         print_json(
             {
                 "file": str(path),
-                "findings": [str(finding) for finding in findings],
+                "findings": findings,
                 "hash": None if configuration is None else configuration.hash,
                 "figures": {"findings": len(findings)},
             }

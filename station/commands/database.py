@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.words import remedy_in_commands
 from station.configuration.places import default_config
 
 db_app = typer.Typer(no_args_is_help=True, help="The result database.")
@@ -50,6 +51,7 @@ def check(
             {
                 "revision": report.revision,
                 "findings": list(report.findings),
+                "remedies": [remedy_in_commands(remedy) for remedy in report.remedies],
                 "chains": {
                     name: {"number": end.number, "hash": end.hash} for name, end in report.heads.items()
                 },
@@ -74,6 +76,8 @@ def check(
             )
         for finding in report.findings:
             typer.echo(finding)
+        for remedy in report.remedies:
+            typer.echo(remedy_in_commands(remedy))
         typer.echo("nothing is wrong" if not report.findings else f"{len(report.findings)} findings")
     if report.findings:
         raise typer.Exit(GOAL_MISSED)

@@ -361,8 +361,8 @@ def fill_command(
     filled = fill_study(
         database,
         study,
-        from_utc=read_time("--from", from_time),
-        until_utc=read_time("--until", until_time),
+        from_utc=read_time("from", from_time),
+        until_utc=read_time("until", until_time),
     )
     missing = [[run.part, run.appraiser, run.trial] for run in filled.missing]
     if as_json:

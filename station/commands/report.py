@@ -92,8 +92,8 @@ def report(
         rules,
         size,
         split,
-        read_time("--limits-from", limits_from),
-        read_time("--limits-until", limits_until),
+        read_time("limits from", limits_from),
+        read_time("limits until", limits_until),
     )
     with ResultReader(database) as reader:
         found = make_report(reader, kind, where, options, datetime.now(UTC))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from alignment.errors import ConfigurationError
+from alignment.errors import ConfigurationError, Deed, Remedy
 
 SHIPPED = Path(__file__).resolve().parents[2] / "configs"
 """Where it lies, in a checkout as in an installation."""
@@ -31,7 +31,7 @@ def own_config(given: Path | None) -> Path:
             file=Path("configs") / "station.toml",
             expected="a station's configuration",
             seen="no such file",
-            cure="Name one with --config, or write one to start from: `truewheel init FOLDER`",
+            remedy=Remedy(Deed.BEGIN_CONFIGURATION),
         )
     return found
 
@@ -49,6 +49,9 @@ def default_config(given: Path | None, name: str = "station.toml") -> Path:
     place = own_configuration(name) or SHIPPED / name
     if not place.is_file():
         raise ConfigurationError(
-            file=place, expected="a configuration", seen="no such file", cure="Name one with --config"
+            file=place,
+            expected="a configuration",
+            seen="no such file",
+            remedy=Remedy(Deed.NAME_CONFIGURATION),
         )
     return place

@@ -9,13 +9,13 @@ from alignment.errors import ConfigurationError
 _SPANS = {"h": timedelta(hours=1), "d": timedelta(days=1), "w": timedelta(weeks=1)}
 
 
-def read_time(field: str, text: str | None, now: datetime | None = None) -> datetime | None:
+def read_time(choice: str, text: str | None, now: datetime | None = None) -> datetime | None:
     """An aware time: ISO 8601, UTC where it names no zone, or a span before now: ``8h``, ``7d``, ``4w``.
 
     Parameters
     ----------
-    field
-        Option, for the error.
+    choice
+        What was chosen with it, for the error: from, until.
     text
         None gives None.
     now
@@ -36,7 +36,7 @@ def read_time(field: str, text: str | None, now: datetime | None = None) -> date
         return time.replace(tzinfo=UTC) if time.utcoffset() is None else time.astimezone(UTC)
     except (ValueError, OverflowError):
         raise ConfigurationError(
-            field=field,
+            choice=choice,
             expected="a time such as 2026-11-22 or 2026-11-22T06:00+01:00, or a span before now such as 7d",
             seen=ascii(text[:60]),
         ) from None

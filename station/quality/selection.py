@@ -38,11 +38,11 @@ def read_filter(
     now = datetime.now(UTC)
     if verdict is not None and verdict not in set(Verdict):
         raise ConfigurationError(
-            field="--verdict", expected=f"one of {', '.join(Verdict)}", seen=ascii(verdict[:60])
+            choice="verdict", expected=f"one of {', '.join(Verdict)}", seen=ascii(verdict[:60])
         )
-    start, end = read_time("--from", from_text, now), read_time("--until", until_text, now)
+    start, end = read_time("from", from_text, now), read_time("until", until_text, now)
     if shift is not None:
-        start = start or read_time("--from", _LONGEST_DEFAULT, end or now)
+        start = start or read_time("from", _LONGEST_DEFAULT, end or now)
         end = end or now
     return Filter(
         from_utc=start,
@@ -70,7 +70,7 @@ def newest_vin(reader: ResultReader) -> str:
         series = value_series(reader, characteristic, newest=1)
         found += [(time, str(vin)) for time, vin in zip(series.time, series.vin, strict=True) if vin]
     if not found:
-        raise InputError(field="--vin", expected=f"a measured vehicle in {reader.where}", seen="none")
+        raise InputError(choice="vin", expected=f"a measured vehicle in {reader.where}", seen="none")
     return max(found)[1]
 
 
@@ -86,7 +86,7 @@ def read_shift(text: str, timezone: str) -> Shift:
         start, end = (time.fromisoformat(part.strip()) for part in text.split("-"))
     except ValueError:
         raise ConfigurationError(
-            field="--shift", expected="two times of day such as 06:00-14:00", seen=ascii(text[:60])
+            choice="shift", expected="two times of day such as 06:00-14:00", seen=ascii(text[:60])
         ) from None
     return Shift(text, start, end, timezone)
 
@@ -103,5 +103,5 @@ def read_zone(timezone: str) -> ZoneInfo:
         return ZoneInfo(timezone)
     except (ZoneInfoNotFoundError, ValueError, OSError):
         raise ConfigurationError(
-            field="--timezone", expected="a name such as Europe/Berlin", seen=ascii(timezone[:60])
+            choice="timezone", expected="a name such as Europe/Berlin", seen=ascii(timezone[:60])
         ) from None

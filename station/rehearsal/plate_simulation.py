@@ -57,7 +57,7 @@ def simulate_session(
     if head is not None:
         names = [known.name for known in calibration.heads]
         if head not in names:
-            raise ConfigurationError(field="--head", expected=f"one of {', '.join(names)}", seen=f"'{head}'")
+            raise ConfigurationError(choice="head", expected=f"one of {', '.join(names)}", seen=f"'{head}'")
         x, y, _ = config.spec().rig_from_head(names.index(head)).translation
         centre, tilt = (round(float(x), 1), round(float(y), 1), 0.0), 2.0 * TILT
     spec = PlateSessionSpec(

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 
-from alignment.errors import ConfigurationError, TruewheelError
+from alignment.errors import ConfigurationError, Deed, Remedy, TruewheelError
 from db.connection import parse_url
 from station.configuration.settings import Configuration, read_configuration
 from station.line.wire.channel import require_interface
@@ -64,7 +64,7 @@ def _check_database(configuration: Configuration) -> None:
             field="database.url",
             expected="a database that exists",
             seen=f"no file {file}",
-            cure=f"`truewheel db migrate --database sqlite:///{file}` makes it",
+            remedy=Remedy(Deed.MAKE_DATABASE, f"sqlite:///{file}"),
         )
     if not file.exists() and not _writable(file.parent):
         raise ConfigurationError(

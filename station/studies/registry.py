@@ -40,6 +40,6 @@ def load_study(name: str) -> Study:
     """
     if name not in STUDIES:
         raise ConfigurationError(
-            field="NAME", expected=f"one of {', '.join(sorted(STUDIES))}, or 'all'", seen=f"'{name}'"
+            choice="name", expected=f"one of {', '.join(sorted(STUDIES))}, or 'all'", seen=f"'{name}'"
         )
     return cast("Study", import_module(STUDIES[name]).STUDY)

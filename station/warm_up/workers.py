@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from alignment.errors import WarmUpError
+from alignment.errors import Deed, Remedy, WarmUpError
 from station.warm_up.needs import Needed
 
 POLL_S = 0.05
@@ -95,7 +95,8 @@ def compile_apart(
                 if worker.task is not None and clock() - worker.since_s > timeout_s:
                     raise WarmUpError(
                         f"compiling {worker.task.name} did not end within {timeout_s:g} s; check the load of "
-                        "the computer, and run `truewheel warm-up`"
+                        "the computer",
+                        Remedy(Deed.WARM_UP),
                     )
 
 
@@ -118,7 +119,7 @@ def _answer(worker: _Worker) -> Compiled | None:
     """Take what a worker wrote; None while its line is not whole."""
     part = os.read(_output(worker).fileno(), 65_536)
     if not part:
-        raise WarmUpError(_last_words(worker))
+        raise WarmUpError(_last_words(worker), Remedy(Deed.WARM_UP))
     worker.read += part
     line, found, rest = worker.read.partition(b"\n")
     if not found or worker.task is None:
@@ -137,10 +138,7 @@ def _last_words(worker: _Worker) -> str:
     how = f"by signal {-code}" if code < 0 else f"with exit status {code}"
     said = f": {lines[-1]}" if lines else ""
     doing = "" if worker.task is None else f" at {worker.task.name}"
-    return (
-        f"a process that compiles ended{doing} {how}{said}; check that there is memory left, and run "
-        "`truewheel warm-up`"
-    )
+    return f"a process that compiles ended{doing} {how}{said}; check that there is memory left"
 
 
 def _output(worker: _Worker) -> IO[bytes]:

@@ -195,7 +195,7 @@ def test_the_two_files_of_opencvs_stereo_sample_make_a_head(tmp_path: Path) -> N
     paths = [tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml"]
     for path, text in zip(paths, STEREO, strict=True):
         path.write_text(dedent(text), encoding="utf-8")
-    with pytest.raises(FormatError, match=r"image_width.*--size"):
+    with pytest.raises(FormatError, match=r"image_width.*Say the size of the images"):
         import_cameras(paths, "opencv")
     made = import_calibration(
         paths, "opencv", identity="s", rig="r", side="left", unit_mm=1000.0, size=(1280, 1024)

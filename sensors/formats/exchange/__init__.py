@@ -55,7 +55,7 @@ def export_calibration(path: str | PathLike[str], calibration: RigCalibration, k
         When there is no such format.
     """
     if kind not in EXPORTS:
-        raise ConfigurationError(field="format", expected=f"one of {', '.join(FORMATS)}", seen=f"'{kind}'")
+        raise ConfigurationError(choice="format", expected=f"one of {', '.join(FORMATS)}", seen=f"'{kind}'")
     EXPORTS[kind](Path(path), calibration)
 
 
@@ -94,7 +94,7 @@ def import_cameras(
         return read_kalibr(files, unit_mm=metres)
     if kind == "mrcal":
         return read_mrcal(files, unit_mm=metres)
-    raise ConfigurationError(field="format", expected=f"one of {', '.join(FORMATS)}", seen=f"'{kind}'")
+    raise ConfigurationError(choice="format", expected=f"one of {', '.join(FORMATS)}", seen=f"'{kind}'")
 
 
 def import_calibration(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from alignment.errors import FormatError
+from alignment.errors import Deed, FormatError, Remedy
 from alignment.geometry.cameras import CameraModel
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import RigCalibration
@@ -113,9 +113,9 @@ class _Entries:
     path: Path
     place: str = ""
 
-    def wrong(self, key: str, expected: str, seen: str, cure: str | None = None) -> FormatError:
+    def wrong(self, key: str, expected: str, seen: str, remedy: Remedy | None = None) -> FormatError:
         field = f"{self.place}.{key}" if self.place else key
-        return FormatError(file=self.path, field=field, expected=expected, seen=seen, cure=cure)
+        return FormatError(file=self.path, field=field, expected=expected, seen=seen, remedy=remedy)
 
     def list_of(self, key: str) -> list[_Entries]:
         """Return the maps in a list."""
@@ -152,7 +152,7 @@ class _Entries:
                 "image_width",
                 "the size of the images under image_width and image_height",
                 "none",
-                "Say it with --size",
+                Remedy(Deed.SAY_IMAGE_SIZE),
             )
         k = self.matrix(matrix, (3, 3))
         if k[0, 1] != 0 or (k[1, 0], *k[2]) != (0, 0, 0, 1):

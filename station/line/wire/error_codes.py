@@ -126,7 +126,7 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         Part.CYCLE,
         "The station's program is starting: it loads what a measurement needs and, on a new computer, "
         "compiles it, which takes a minute or more.",
-        "Wait until Status shows Ready; `truewheel warm-up` at the installation makes it short.",
+        "Wait until Status shows Ready; compiling once at the installation makes it short.",
     ),
     ErrorCode.COMMUNICATION_LOST: Meaning(
         Part.LINE,

@@ -57,7 +57,7 @@ def collect_components(
         found += _of_grr(grr_file)
     if not found:
         raise ConfigurationError(
-            field="--from-file, --type1-file, --grr-file, --resolution, --calibration-u",
+            choice="from file, type1 file, grr file, resolution, calibration u",
             expected="at least one contribution",
             seen="none",
         )

@@ -42,7 +42,7 @@ def analyse_stored(stored: StoredGaugeStudy, source: GaugeSource) -> GaugeReport
             case StudyKind.TYPE1:
                 if tolerance is None or reference is None:
                     raise InputError(
-                        field="--study", expected="a study with reference and tolerance",
+                        choice="study", expected="a study with reference and tolerance",
                         seen="one without", cure="Give both when the study is planned or stored",
                     )  # fmt: skip
                 return analyse_type1(source.rows, reference, tolerance, unit=source.unit)

@@ -39,7 +39,7 @@ def plan_from_text(
         When the database fails.
     """
     if kind not in set(StudyKind):
-        raise ConfigurationError(field="KIND", expected=f"one of {', '.join(StudyKind)}", seen=ascii(kind))
+        raise ConfigurationError(choice="kind", expected=f"one of {', '.join(StudyKind)}", seen=ascii(kind))
     study_kind = StudyKind(kind)
     references: dict[str, float] = {}
     names = []
@@ -49,11 +49,11 @@ def plan_from_text(
         if sign:
             references[vin] = _radians(text, angle)
         elif study_kind in _CERTIFIED:
-            raise ConfigurationError(field="--part", expected="VIN=DEGREES, the certified angle", seen=text)
+            raise ConfigurationError(choice="part", expected="VIN=DEGREES, the certified angle", seen=text)
     least = _LEAST_PARTS[study_kind]
     if len(names) < least or (study_kind in _ONE_PART and len(names) > 1):
         wanted = "one part" if study_kind in _ONE_PART else f"at least {least} parts"
-        raise ConfigurationError(field="--part", expected=wanted, seen=str(len(names)))
+        raise ConfigurationError(choice="part", expected=wanted, seen=str(len(names)))
     return plan_study(
         database,
         study_kind,
@@ -75,5 +75,5 @@ def _radians(text: str, angle: str) -> float:
     except ValueError:
         degrees = math.nan
     if not -10.0 <= degrees <= 10.0:
-        raise ConfigurationError(field="--part", expected="an angle of -10 to 10 degrees", seen=text)
+        raise ConfigurationError(choice="part", expected="an angle of -10 to 10 degrees", seen=text)
     return math.radians(degrees)

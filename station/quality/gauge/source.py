@@ -72,7 +72,7 @@ class GaugeSource:
         """
         found = self.number(name, given)
         if found is None:
-            raise ConfigurationError(field=f"--{name}", expected="a number", seen="none")
+            raise ConfigurationError(choice=name, expected="a number", seen="none")
         return found
 
 
@@ -98,12 +98,12 @@ def open_source(
     """
     if (file is None) == (study is None):
         raise ConfigurationError(
-            field="--from-file, --study", expected="one of both", seen="none" if file is None else "both"
+            choice="from file, study", expected="one of both", seen="none" if file is None else "both"
         )
     if database is None and (study is not None or name is not None):
-        raise ConfigurationError(field="--database", expected="the database of the study", seen="none")
+        raise ConfigurationError(choice="database", expected="the database of the study", seen="none")
     if database is not None and file is not None and name is None:
-        raise ConfigurationError(field="--name", expected="a name under which to keep the study", seen="none")
+        raise ConfigurationError(choice="name", expected="a name under which to keep the study", seen="none")
     if file is not None:
         rows = read_gauge_file(file, COLUMNS[kind])
         if database is None or name is None:

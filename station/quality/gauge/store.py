@@ -12,7 +12,7 @@ from uuid import UUID
 
 import numpy as np
 
-from alignment.errors import ConfigurationError, InputError
+from alignment.errors import ConfigurationError, Deed, InputError, Remedy
 from db.queries import Characteristic, Filter, ResultReader, gauge_studies, gauge_study, value_series
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.store import ResultStore
@@ -129,10 +129,10 @@ def plan_study(
         When the database fails.
     """
     _require_new(database, name)
-    for field, names in (("--part", parts), ("--appraiser", appraisers)):
+    for choice, names in (("part", parts), ("appraiser", appraisers)):
         if len(set(names)) != len(names) or any(not each.strip() or "*" in each for each in names):
             raise ConfigurationError(
-                field=field, expected="names without *, each once", seen=", ".join(names)
+                choice=choice, expected="names without *, each once", seen=", ".join(names)
             )
     rng = np.random.default_rng(seed)
     owners = list(appraisers) or [""]
@@ -192,7 +192,7 @@ def fill_study(
         record = study.record
         if record.plan.get("source") != _FROM_CYCLES:
             raise ConfigurationError(
-                field="STUDY", expected="a study that was planned for live cycles", seen=record.name
+                choice="study", expected="a study that was planned for live cycles", seen=record.name
             )
         runs = planned_runs(study)
         known = {(value.part, value.appraiser, value.trial) for value in study.values}
@@ -250,17 +250,17 @@ def _find(reader: ResultReader, kind: StudyKind | None, wanted: str) -> StoredGa
         uuids = [record.uuid for record in gauge_studies(reader) if record.name == wanted]
     if len(uuids) > 1:
         raise InputError(
-            field="--study", expected="one study of this name", seen=f"{len(uuids)}", cure="Name its UUID"
+            choice="study", expected="one study of this name", seen=f"{len(uuids)}", cure="Name its UUID"
         )
     found = gauge_study(reader, uuids[0]) if uuids else None
     if found is None:
         raise InputError(
-            field="--study", expected=f"a study in {reader.where}", seen=f"none called {wanted!r}",
-            cure="See `truewheel gauge list`",
+            choice="study", expected=f"a study in {reader.where}", seen=f"none called {wanted!r}",
+            remedy=Remedy(Deed.LIST_STUDIES),
         )  # fmt: skip
     if kind is not None and found.record.kind is not kind:
         raise InputError(
-            field="--study", expected=f"a study of kind {kind}", seen=f"one of kind {found.record.kind}"
+            choice="study", expected=f"a study of kind {kind}", seen=f"one of kind {found.record.kind}"
         )
     return found
 
@@ -269,7 +269,7 @@ def _require_new(database: str, name: str) -> None:
     with ResultReader(database) as reader:
         if any(record.name == name for record in gauge_studies(reader)):
             raise ConfigurationError(
-                field="--name", expected="a name that no study has", seen=repr(name), cure="Choose another"
+                choice="name", expected="a name that no study has", seen=repr(name), cure="Choose another"
             )
 
 

@@ -51,7 +51,7 @@ class ReportOptions:
     def __post_init__(self) -> None:
         if (self.limits_from is None) != (self.limits_until is None):
             raise ConfigurationError(
-                field="--limits-from, --limits-until", expected="both ends of the period", seen="only one"
+                choice="limits from, limits until", expected="both ends of the period", seen="only one"
             )
 
 
@@ -91,7 +91,7 @@ def write_report(path: Path, report: Report) -> None:
 
         write_pdf(path, report)
     else:
-        raise ConfigurationError(field="--out", expected="a name that ends in .html or .pdf", seen=path.name)
+        raise ConfigurationError(choice="out", expected="a name that ends in .html or .pdf", seen=path.name)
 
 
 def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: ReportOptions) -> list[Section]:
@@ -116,7 +116,7 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
             return since_check_sections(reader, where)
         case ReportKind.VIN:
             if where.vin is None:
-                raise ConfigurationError(field="--vin", expected="the VIN of a vehicle", seen="none")
+                raise ConfigurationError(choice="vin", expected="the VIN of a vehicle", seen="none")
             return vin_sections(reader, where.vin)
         case ReportKind.ALL:
             return [

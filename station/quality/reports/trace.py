@@ -25,7 +25,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
     """
     history = vin_history(reader, vin)
     if not history.cycles:
-        raise InputError(field="--vin", expected=f"a VIN in {reader.where}", seen=f"no cycle of {vin!r}")
+        raise InputError(choice="vin", expected=f"a VIN in {reader.where}", seen=f"no cycle of {vin!r}")
     rows: list[Row] = [
         {
             "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,

@@ -58,7 +58,7 @@ def test_an_older_cycle_can_be_asked_for_and_a_missing_one_is_named(
 ) -> None:
     first = history.cycles[0].record.uuid
     assert write_vehicle_certificate(tmp_path / "c.pdf", history, created=CREATED, cycle=first) == first
-    with pytest.raises(InputError, match="--cycle"):
+    with pytest.raises(InputError, match="'cycle'"):
         write_vehicle_certificate(tmp_path / "d.pdf", history, created=CREATED, cycle=UUID(int=77))
     empty = VinHistory("NOBODY", (), {}, (), {}, (), (), ())
     with pytest.raises(InputError, match="a cycle of 'NOBODY'"):

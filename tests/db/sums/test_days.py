@@ -8,6 +8,7 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import Engine, func, select
 
+from alignment.errors import Deed, Remedy
 from db.connection import make_engine, parse_url
 from db.queries import Filter, ResultReader, yield_counts
 from db.schema import value_sums
@@ -84,5 +85,6 @@ def test_a_day_that_is_not_the_sum_of_its_hours_is_found(
     with engine.begin() as connection:
         connection.exec_driver_sql(statement)
     for days in (7.0, None):
-        found = check_database(database_url, days=days).findings
-        assert any(seen in finding and "db sums --rebuild" in finding for finding in found), found
+        report = check_database(database_url, days=days)
+        assert any(seen in finding for finding in report.findings), report.findings
+        assert report.remedies == (Remedy(Deed.REBUILD_SUMS),)

@@ -12,7 +12,7 @@ import psycopg
 import pytest
 from typer.testing import CliRunner
 
-from alignment.errors import FormatError, StoreError
+from alignment.errors import Deed, FormatError, Remedy, StoreError
 from db.connection import make_engine, migrate, parse_url
 from db.store import ResultStore
 from db.sums import bring_up_to_date
@@ -90,7 +90,7 @@ def test_sums_that_disagree_are_found_and_built_again(filled: str) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("UPDATE value_sums SET mean = mean + 1e-6 WHERE hours = 1")
     engine.dispose()
-    assert "Run `truewheel db sums --rebuild`" in check_database(filled).findings[0]
+    assert check_database(filled).remedies == (Remedy(Deed.REBUILD_SUMS),)
     found = CliRunner().invoke(app, ["db", "check", "--database", filled, "--json"])
     assert found.exit_code == 1
     assert json.loads(found.stdout)["figures"]["findings"] == 10

@@ -18,7 +18,7 @@ import pytest
 import sensors.formats
 import station.calibration.zero
 import station.commands.zero
-from alignment.errors import ConfigurationError
+from alignment.errors import ConfigurationError, Deed, Remedy
 from alignment.values import MeasureSettings, WheelMeasurement
 from db.store import ResultStore
 from sensors.formats import write_calibration
@@ -87,7 +87,7 @@ def test_a_station_may_believe_more_or_less() -> None:
 def test_the_slip_that_explains_it_is_named(certified: tuple[float, float], words: str) -> None:
     with pytest.raises(ConfigurationError, match=words) as caught:
         measured(*map(math.radians, certified))
-    assert "add --force with --reason" in str(caught.value)
+    assert caught.value.remedy == Remedy(Deed.FORCE)
 
 
 def test_arcminutes_given_as_degrees_are_named() -> None:
@@ -104,7 +104,7 @@ def test_arcminutes_given_as_degrees_are_named() -> None:
 def test_a_certificate_less_certain_than_what_is_believed_is_a_wrong_unit() -> None:
     assert measured(*MEASURED, u=4.99 * ARCMIN)
     with pytest.raises(
-        ConfigurationError, match=r"certified-u95.*below .*10′, found 10\.02′.*degrees are asked"
+        ConfigurationError, match=r"certified u95.*below .*10′, found 10\.02′.*degrees are asked"
     ):
         measured(*MEASURED, u=5.01 * ARCMIN)
 

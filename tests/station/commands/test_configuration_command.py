@@ -96,6 +96,7 @@ def test_every_mistake_is_told_at_once(home: Path, capsys: pytest.CaptureFixture
     assert len(findings) == 4
     for word in ("line.dbc", "morse", "database.url", "gone.json"):
         assert any(word in finding for finding in findings), word
+    assert any("Create it with `truewheel db migrate --database sqlite:///" in each for each in findings)
     assert run("config", "check", str(path)) == 2
     assert len(capsys.readouterr().err.splitlines()) == 4
 

@@ -170,7 +170,7 @@ def test_two_studies_of_one_name_are_refused(database: str) -> None:
 
 def test_study_that_is_not_there_or_of_another_kind_is_named(database: str) -> None:
     plan_study(database, StudyKind.GRR, "one", TOE, VINS)
-    with pytest.raises(InputError, match="gauge list"):
+    with pytest.raises(InputError, match="list of the studies"):
         load_study(database, StudyKind.GRR, "two")
     with pytest.raises(InputError, match="of kind grr"):
         load_study(database, StudyKind.TYPE1, "one")
@@ -195,7 +195,7 @@ def test_incomplete_study_says_what_is_missing(database: str) -> None:
         ("linearity", ["A=1", "B=x"], "degrees"),
         ("grr", ["A*", "B"], "without"),
         ("grr", ["A", "A"], "each once"),
-        ("guess", ["A"], "KIND"),
+        ("guess", ["A"], "kind"),
     ],
 )
 def test_impossible_plans_are_refused(database: str, kind: str, parts: list[str], said: str) -> None:

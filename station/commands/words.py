@@ -1,0 +1,62 @@
+"""Errors in the words of the command line: choices as its options, remedies as commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from typer.core import TyperGroup
+
+from alignment.errors import Deed, Remedy, Words
+
+COMMANDS = {
+    Deed.FORCE: "To do it all the same, add --force with --reason, which is recorded",
+    Deed.NAME_CONFIGURATION: "Name one with --config",
+    Deed.BEGIN_CONFIGURATION: "Name one with --config, or write one to start from: `truewheel init FOLDER`",
+    Deed.SAY_IMAGE_SIZE: "Say it with --size",
+    Deed.MIGRATE: "Run `truewheel db migrate --database {of}`",
+    Deed.MAKE_DATABASE: "Create it with `truewheel db migrate --database {of}`",
+    Deed.CHECK_DATABASE: "Run `truewheel db check --all`",
+    Deed.REBUILD_SUMS: "Run `truewheel db sums --rebuild`",
+    Deed.LIST_ZEROS: "`truewheel zero list` shows them",
+    Deed.LIST_STUDIES: "See `truewheel gauge list`",
+    Deed.WARM_UP: "Run `truewheel warm-up`",
+}
+"""How each deed is done with this program."""
+
+
+def remedy_in_commands(remedy: Remedy) -> str:
+    """Return what to type, and what else there is to do."""
+    return remedy.told(COMMANDS[remedy.deed])
+
+
+@dataclass
+class Running:
+    """The command that runs, once it is known: groups note it in passing (see `Verbs`)."""
+
+    command: Any = None
+
+    def option(self, choice: str) -> str:
+        """Return the option or argument of the command for a choice in plain words; these if it has none."""
+        option, argument = f"--{choice.replace(' ', '-')}", choice.replace(" ", "_")
+        for parameter in () if self.command is None else self.command.params:
+            if option in parameter.opts:
+                return option
+            if parameter.param_type_name == "argument" and parameter.name == argument:
+                return str(parameter.metavar or argument.upper())
+        return choice
+
+    def words(self) -> Words:
+        """Return the words of this command."""
+        return Words(self.option, remedy_in_commands)
+
+
+class Verbs(TyperGroup):
+    """A group that notes in the context's `Running` which of its commands was chosen."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """As in every group."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if isinstance(ctx.obj, Running):
+            ctx.obj.command = command
+        return name, command, rest
