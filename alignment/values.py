@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Side = Literal["left", "right"]
 VEHICLE_POSE_NAMES = tuple(f"vehicle_from_rig.{name}" for name in ("rx", "ry", "rz", "x_mm", "y_mm", "z_mm"))

@@ -26,8 +26,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.heads_then_poses import rigid_fit
 from alignment.calibration.observations import CalibrationInput, CameraKey
@@ -41,7 +41,6 @@ from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles
 from station.studies.simulated_views import SimulatedViews, ViewErrors, cameras_of, observe, square_plate
 
-Array = NDArray[np.float64]
 Cameras = dict[CameraKey, PosedCamera]
 
 SYSTEM_PYTHON = "/usr/bin/python3"

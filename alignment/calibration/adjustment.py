@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.calibration.dense import solve_symmetric
 from alignment.calibration.equations import (
     Linearised,
@@ -40,9 +40,6 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _FULL_WEIGHT = 4.0  # standard deviations; e⁻⁸ of good observations lie beyond
 # Squared length of a last step in standard deviations of the unknowns, while the noise is still being

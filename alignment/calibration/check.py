@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.contour import contour_shift
 from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations
 from alignment.calibration.prediction import NominalWheel, angle_sensitivity, camera_derivatives
@@ -17,8 +17,6 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
 
 _POSE = 6
 _STEPS = 4

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.geometry.distortion import project_normalised
 from alignment.kernels import njit
 
-Array = NDArray[np.float64]
 _STEPS = 12
 
 

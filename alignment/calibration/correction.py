@@ -11,13 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.spatial.distance import cdist
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 
-Array = NDArray[np.float64]
 Basis = Callable[[Array], Array]
 _LEAST_POINTS = 8
 _OUTER_FOLDS = 60

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import match_lines
 from alignment.stereo.rectification import Rectification
 from alignment.stereo.surface import nearest_candidates, plane_hypotheses
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _FARTHEST_ROW = 25.0  # pixels by which a moved camera may shift the epipolar lines
 _GATE = 25.0  # mm from the wheel's mean plane
@@ -114,7 +111,7 @@ def _pair(left: LightLines, right: LightLines, head: HeadCalibration, plane: Arr
     return CrossPairs(of_left[i[both]], of_right[j[both]])
 
 
-def _nearest(height: Array, group: Index) -> NDArray[np.bool_]:
+def _nearest(height: Array, group: Index) -> Mask:
     """Mark of each group the candidate nearest to the plane; groups need not stand together."""
     order = np.argsort(group, kind="stable")
     keep = np.zeros(len(group), dtype=np.bool_)

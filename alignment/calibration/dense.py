@@ -7,13 +7,10 @@ process wants a core; these loops take milliseconds whatever else runs.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

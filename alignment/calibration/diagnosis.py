@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust, minimise
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.problem import build_problem, initial_state
@@ -15,8 +15,6 @@ from alignment.calibration.scale import stated_scale
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
-
-Array = NDArray[np.float64]
 
 _GOOD_SCALE = 3.0  # noise over what the marks' covariances state
 _GOOD_OUTLIERS = 0.02

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import rq
 
+from alignment.arrays import Array
 from alignment.calibration.one_camera import (
     CalibratedCamera,
     Known,
@@ -17,8 +17,6 @@ from alignment.calibration.one_camera import (
 )
 from alignment.errors import DegenerateInputError
 from alignment.geometry.projective import conditioning, homogeneous, linear_rows, null_vector
-
-Array = NDArray[np.float64]
 
 
 def fit_projection(points: Array, pixels: Array) -> Array:

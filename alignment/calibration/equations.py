@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.calibration.contour import contour_shift
 from alignment.calibration.dense import eliminate, leverage
 from alignment.calibration.problem import LOCAL, POSE, Problem, State
 from alignment.calibration.projection import INTRINSICS, project_with_derivatives
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

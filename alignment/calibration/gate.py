@@ -7,9 +7,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from alignment.arrays import Array, Index
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings
 from alignment.calibration.diagnosis import diagnose
 from alignment.calibration.observations import CalibrationInput, CameraKey
@@ -17,9 +17,6 @@ from alignment.calibration.prediction import NominalWheel, predict_angle_uncerta
 from alignment.calibration.scale import scale_in_moves
 from alignment.errors import DegenerateInputError
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 ARCMIN = math.pi / (180.0 * 60.0)
 _NEIGHBOURS = 8

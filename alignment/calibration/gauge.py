@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.believable import LARGEST_MOUNTING, LARGEST_SHIFT, LARGEST_TURN, pose_slip, turn_from_nominal
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, solve
 from alignment.calibration.equations import normal_equations
@@ -28,8 +28,6 @@ from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import RigCalibration
 from alignment.vehicle.angles import camber_toe
-
-Array = NDArray[np.float64]
 
 _COVERAGE_FACTOR = 2.0
 _OUTBOARD = np.array([0.0, 0.0, 1.0])

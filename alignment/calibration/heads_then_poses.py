@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
 from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
 from alignment.errors import DegenerateInputError
@@ -18,7 +18,6 @@ from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.stereo.triangulation import triangulate
 
-Array = NDArray[np.float64]
 _LEAST_MARKS = 8
 
 
@@ -104,7 +103,7 @@ def _pose(
     return rigid_fit(points, data.plate.points[common] + reference.stage_mm)
 
 
-def _pixels_of(seen: MarkObservations, marks: NDArray[np.int64]) -> Array:
+def _pixels_of(seen: MarkObservations, marks: Index) -> Array:
     order = np.argsort(seen.marks)
     out: Array = seen.pixels[order[np.searchsorted(seen.marks, marks, sorter=order)]]
     return out

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.one_camera import (
     CalibratedCamera,
     Known,
@@ -19,7 +19,6 @@ from alignment.calibration.one_camera import (
 from alignment.errors import DegenerateInputError
 from alignment.geometry.projective import null_vector
 
-Array = NDArray[np.float64]
 _SMALLEST_SLANT = 1e-3
 
 

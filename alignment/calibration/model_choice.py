@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Mask
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, minimise, solve
 from alignment.calibration.equations import prior_cost
 from alignment.calibration.observations import CalibrationInput, MarkObservations
@@ -22,9 +22,6 @@ from alignment.calibration.problem import (
 from alignment.calibration.start import Start, start_values, with_model
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _FEWEST_VIEWS = 5  # below it, marks are left out instead of views
 _MARK_FOLDS = 5
@@ -203,7 +200,7 @@ def _mark_folds(data: CalibrationInput) -> list[_Fold]:
     return [_Fold(_only(data, fold != k), _only(data, fold == k), False) for k in range(_MARK_FOLDS)]
 
 
-def _only(data: CalibrationInput, keep: NDArray[np.bool_]) -> CalibrationInput:
+def _only(data: CalibrationInput, keep: Mask) -> CalibrationInput:
     """Only the observations of some marks of the plate (M,)."""
     views = []
     for view in data.views:

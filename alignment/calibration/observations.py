@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.errors import DegenerateInputError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 CameraKey = tuple[str, Literal["left", "right"]]
 """Name of the head, and which of its cameras."""
 
@@ -46,7 +44,7 @@ class Plate:
     points: Array
     sigma_mm: Array
     mark_radius_mm: float
-    hollow: NDArray[np.bool_]
+    hollow: Mask
     hollow_radius_mm: float
 
     def __post_init__(self) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.one_camera import (
     Known,
     calibration_matrix,
@@ -19,7 +19,6 @@ from alignment.geometry.cameras import CameraModel
 from alignment.geometry.projective import camera_of_absolute_conic, fit_homography, null_vector
 from alignment.geometry.transforms import RigidTransform
 
-Array = NDArray[np.float64]
 _TILT = "Tilt the plate by 20° to 40°, about different axes, between the views."
 
 

@@ -10,16 +10,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.calibration.projection import INTRINSICS, project_with_derivatives
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.kernels import njit
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe_jacobian
-
-Array = NDArray[np.float64]
 
 _GRID = 24  # points per image row and column of the nominal wheel
 _PROFILE_STEP = 2.0  # mm; knots of the profile that the fit leaves free
@@ -121,9 +119,7 @@ def predicted_misfits(calibration: RigCalibration, wheel: NominalWheel | None = 
     return out
 
 
-def _response(
-    calibration: RigCalibration, wheel: NominalWheel
-) -> tuple[NDArray[np.int64], Array, Array, Array]:
+def _response(calibration: RigCalibration, wheel: NominalWheel) -> tuple[Index, Array, Array, Array]:
     """How a fit to a nominal wheel answers errors of the calibration's P parameters.
 
     Head (N,) of each point, change of its height (N, P), derivatives (N, U) of the fit's unknowns (slopes of

@@ -6,17 +6,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array, Index
 from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.projection import COEFFICIENTS, INTRINSICS
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 POSE = 6
 LOCAL = POSE + INTRINSICS + POSE  # columns that one observation can have: camera, lens, view

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.geometry.distortion import DIVISION, brown_distort
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
 
 COEFFICIENTS = 14
 INTRINSICS = 4 + COEFFICIENTS

@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from alignment.arrays import Array
 from alignment.calibration.cross_pairs import CrossPairs, SeenWheel, cross_pairs, joined, seen_wheel
 from alignment.calibration.observations import CameraKey
 from alignment.calibration.prediction import angle_sensitivity
@@ -45,8 +45,6 @@ from alignment.calibration.suspicion import (
 from alignment.calibration.wheel_equations import WheelBase, wheel_base, wheel_equations
 from alignment.errors import DegenerateInputError
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
-
-Array = NDArray[np.float64]
 
 _ROW_ROUNDS, _MOST_ROUNDS = 2, 6
 _CLEAR_EVIDENCE = 20.0  # difference of −2 log evidence that decides

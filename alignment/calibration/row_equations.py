@@ -7,16 +7,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.cross_pairs import CrossPairs
 from alignment.calibration.dense import products
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.stereo.rectification import Rectification
 from alignment.values import HeadCalibration, RigCalibration
-
-Array = NDArray[np.float64]
 
 _LEAST_PAIRS = 60
 _LEAST_SIGMA_PX = 0.02

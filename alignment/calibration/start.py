@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment.calibration.faugeras import calibrate_faugeras
 from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, Plate
@@ -16,7 +15,6 @@ from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.projective import fit_homography
 from alignment.geometry.transforms import RigidTransform
 
-Array = NDArray[np.float64]
 _LEAST_MARKS = 8
 _FLAT = 0.01
 

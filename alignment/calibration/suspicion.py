@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from alignment.arrays import Array
 from alignment.calibration.prediction import angle_sensitivity
 from alignment.calibration.row_equations import Equations, camera_rows
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
 
 Part = Literal["left", "right", "head"]
 

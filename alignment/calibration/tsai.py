@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.one_camera import (
     CalibratedCamera,
     Known,
@@ -17,8 +17,6 @@ from alignment.calibration.one_camera import (
 )
 from alignment.errors import DegenerateInputError
 from alignment.geometry.projective import null_vector
-
-Array = NDArray[np.float64]
 
 
 def calibrate_tsai(

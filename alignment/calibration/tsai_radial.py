@@ -7,9 +7,9 @@ Tsai's distortion is undistorted = distorted · (1 + κ ρ²), ρ the distorted 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from alignment.arrays import Array
 from alignment.calibration.lenz import calibrate_lenz
 from alignment.calibration.one_camera import (
     CalibratedCamera,
@@ -24,7 +24,6 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel
 from alignment.geometry.transforms import RigidTransform
 
-Array = NDArray[np.float64]
 _RADII = np.linspace(0.02, 1.0, 50)
 
 

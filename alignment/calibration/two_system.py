@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array
 from alignment.calibration.faugeras import calibrate_faugeras
 from alignment.calibration.one_camera import (
     CalibratedCamera,
@@ -18,7 +18,6 @@ from alignment.calibration.one_camera import (
 )
 from alignment.errors import DegenerateInputError
 
-Array = NDArray[np.float64]
 PARAMETERS = ("alpha", "beta", "gamma", "tx", "ty", "tz", "px", "py", "cx", "cy", "d")
 _STEPS = 50
 

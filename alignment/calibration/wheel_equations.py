@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.calibration.cross_pairs import SeenWheel
 from alignment.calibration.dense import products
 from alignment.calibration.prediction import line_sensitivity, profile_basis
@@ -23,9 +23,6 @@ from alignment.stereo.correspondence import Candidates, match_heads, match_lines
 from alignment.stereo.surface import nearest_candidates, plane_hypotheses
 from alignment.values import MeasureSettings, RigCalibration
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _GATE, _MOVED_GATE = 2.0, 25.0  # mm from the surface; farther lie the ghosts of wrong matches

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry import distortion
 from alignment.geometry.transforms import RigidTransform
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

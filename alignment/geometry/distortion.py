@@ -17,11 +17,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
 
 PACKED_SIZE = 20
 DIVISION, BROWN = 0.0, 1.0

@@ -7,11 +7,9 @@ l · x = 0. By duality one function does for both: what joins points also meets 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-
-Array = NDArray[np.float64]
 
 LINE_AT_INFINITY = np.array([0.0, 0.0, 1.0])
 PLANE_AT_INFINITY = np.array([0.0, 0.0, 0.0, 1.0])

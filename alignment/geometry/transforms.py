@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-
-Array = NDArray[np.float64]
 
 
 def _frozen(values: object, shape: tuple[int, ...], name: str) -> Array:

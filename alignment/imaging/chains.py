@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.imaging.ridges import X, Y
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _SPAN = 5  # points on either side of the difference that gives a slope
 _CELL = 2  # pixels of a shadow's cells

@@ -13,16 +13,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from skimage import filters as _filters
 
+from alignment.arrays import Array, Singles
 from alignment.errors import DegenerateInputError
 from alignment.values import Image
 
 filters: Any = _filters  # without types of its own
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _SMOOTHING = 1.4  # standard deviation of Canny's and Marr–Hildreth's Gaussian, pixels
 _DECAY = 0.5  # Shen–Castan's exponential: weight of the next pixel
@@ -49,20 +47,20 @@ class EdgePoints:
     strength: Array
 
 
-Slopes = Callable[[Floats], tuple[Floats, Floats]]
+Slopes = Callable[[Singles], tuple[Singles, Singles]]
 
 
-def _gradient(image: Floats) -> tuple[Floats, Floats]:
+def _gradient(image: Singles) -> tuple[Singles, Singles]:
     kernel = np.array([[-0.5, 0.0, 0.5]], np.float32)
     return _filtered(image, kernel), _filtered(image, kernel.T)
 
 
-def _sobel(image: Floats) -> tuple[Floats, Floats]:
+def _sobel(image: Singles) -> tuple[Singles, Singles]:
     kernel = np.array([[-1, 0, 1], [-2, 0, 2], [-1, 0, 1]], np.float32) / 8.0
     return _filtered(image, kernel), _filtered(image, kernel.T)
 
 
-def _kirsch(image: Floats) -> tuple[Floats, Floats]:
+def _kirsch(image: Singles) -> tuple[Singles, Singles]:
     """Slope along the strongest of eight compass masks; its direction is interpolated between them.
 
     The masks weigh their bright side more (5 against 3), which shifts a blurred edge to the dark side by
@@ -87,16 +85,16 @@ def _kirsch(image: Floats) -> tuple[Floats, Floats]:
     return (gx / size * strongest).astype(np.float32), (gy / size * strongest).astype(np.float32)
 
 
-def _canny(image: Floats) -> tuple[Floats, Floats]:
+def _canny(image: Singles) -> tuple[Singles, Singles]:
     return _sobel(cv2.GaussianBlur(image, (0, 0), _SMOOTHING).astype(np.float32))
 
 
-def _marr_hildreth(image: Floats) -> tuple[Floats, Floats, Floats]:
+def _marr_hildreth(image: Singles) -> tuple[Singles, Singles, Singles]:
     smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTHING).astype(np.float32)
     return (*_sobel(smooth), ndimage.laplace(smooth))
 
 
-def _shen_castan(image: Floats) -> tuple[Floats, Floats, Floats]:
+def _shen_castan(image: Singles) -> tuple[Singles, Singles, Singles]:
     """Symmetric exponential filter; smoothed minus original is its second derivative."""
     smooth = image
     for axis in (0, 1):
@@ -107,7 +105,7 @@ def _shen_castan(image: Floats) -> tuple[Floats, Floats, Floats]:
     return (*_sobel(smooth), image - smooth)
 
 
-def _exponential(image: Floats, axis: int) -> Floats:
+def _exponential(image: Singles, axis: int) -> Singles:
     """y[n] = (1 − b) x[n] + b y[n − 1] along an axis, as if the first pixel had gone on before."""
     moved = np.moveaxis(image, axis, 0)
     result = np.empty_like(moved)
@@ -123,7 +121,7 @@ FIRST_ORDER: dict[str, Slopes] = {
     "kirsch": _kirsch,
     "canny": _canny,
 }
-SECOND_ORDER: dict[str, Callable[[Floats], tuple[Floats, Floats, Floats]]] = {
+SECOND_ORDER: dict[str, Callable[[Singles], tuple[Singles, Singles, Singles]]] = {
     "marr_hildreth": _marr_hildreth,
     "shen_castan": _shen_castan,
 }
@@ -158,11 +156,11 @@ def find_edges(image: Image, operator: str = "canny", strong: float = _STRONG) -
     )
 
 
-def _filtered(image: Floats, kernel: Floats) -> Floats:
+def _filtered(image: Singles, kernel: Singles) -> Singles:
     return cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE).astype(np.float32)
 
 
-def _crests(gx: Floats, gy: Floats, strong: float, linked: bool) -> EdgePoints:
+def _crests(gx: Singles, gy: Singles, strong: float, linked: bool) -> EdgePoints:
     """Largest slopes along their own direction; the crest is the top of the parabola through three slopes."""
     slope = np.hypot(gx, gy)
     top = float(slope[2:-2, 2:-2].max(initial=0.0))
@@ -195,7 +193,7 @@ def _crests(gx: Floats, gy: Floats, strong: float, linked: bool) -> EdgePoints:
     )
 
 
-def _zeros(gx: Floats, gy: Floats, curvature: Floats, strong: float) -> EdgePoints:
+def _zeros(gx: Singles, gy: Singles, curvature: Singles, strong: float) -> EdgePoints:
     """Changes of sign between neighbours in a row or column, interpolated, where the slope is large."""
     slope = np.hypot(gx, gy)
     top = float(slope[2:-2, 2:-2].max(initial=0.0))

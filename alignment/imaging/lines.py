@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba.typed import List
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
+from alignment.arrays import Array, Index
 from alignment.imaging import extraction
 from alignment.imaging.crosses import Crosses
 from alignment.values import Image
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LEAST_SINE = 0.25
 """Of the angle between a line and the epipolar lines, below which a match says nothing of depth."""

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.imaging.ellipses import conic_centres
-
-Array = NDArray[np.float64]
 
 _CONTOUR_POINTS = 48
 

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.imaging.marks import Array, Exposure, RoughMarks
+from alignment.imaging.marks import Exposure, RoughMarks
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
 

@@ -18,11 +18,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Mask
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
 
 #: Parameters: centre, factor U (u11, u12, u22), blur, mark, ground, light's change per radius; middle: ratio,
 #: offset.
@@ -299,7 +297,7 @@ def _bands(core: float, reach: float, blur: float, minor: float) -> tuple[float,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fit_ellipses(image: Any, start: Array, ring: NDArray[np.bool_], noise: float) -> Array:
+def fit_ellipses(image: Any, start: Array, ring: Mask, noise: float) -> Array:
     """Fit the model to each mark.
 
     Parameters

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from alignment.imaging.marks import Array, Index, Marks, upper_factor
+from alignment.arrays import Array, Index
+from alignment.imaging.marks import Marks, upper_factor
 
 FEWEST = 6  # marks that make a grid
 _STEP_TOLERANCE = 0.2  # of a step's length, between neighbours

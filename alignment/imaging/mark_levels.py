@@ -11,9 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from alignment.arrays import Array, Mask
 from alignment.errors import DegenerateInputError
 from alignment.imaging.edges import find_edges
 from alignment.imaging.ellipses import fit_ellipse, refine_ellipse
@@ -22,7 +22,6 @@ from alignment.imaging.thresholds import Threshold, p_tile
 from alignment.kernels import njit
 from alignment.values import Image
 
-Array = NDArray[np.float64]
 Located = tuple[Array, Array, Array]
 """Centre (2,), covariance (2, 2), shape (2, 2)."""
 
@@ -94,9 +93,7 @@ def weight_point(image: Image, centre: Array, shape: Array, hole: float, noise: 
     return _centroid(window, corner, window < level, centre, noise)
 
 
-def _centroid(
-    window: Image, corner: Array, dark: NDArray[np.bool_], centre: Array, noise: float
-) -> Located | None:
+def _centroid(window: Image, corner: Array, dark: Mask, centre: Array, noise: float) -> Located | None:
     # Corners of neighbouring marks in the window would pull the middle: only what hangs together with the
     # mark.
     x, y = (round(float(v)) for v in centre - corner)
@@ -120,18 +117,18 @@ def _centroid(
     return middle + corner, covariance, shape
 
 
-def _connected(dark: NDArray[np.bool_], x: int, y: int) -> NDArray[np.bool_]:
+def _connected(dark: Mask, x: int, y: int) -> Mask:
     """Part of a mask that is connected to the dark pixel nearest to a place."""
     labels, count = ndimage.label(dark)
     if not count:
         return dark
     rows, columns = np.nonzero(dark)
     nearest = int(np.argmin((rows - y) ** 2 + (columns - x) ** 2))
-    result: NDArray[np.bool_] = labels == labels[rows[nearest], columns[nearest]]
+    result: Mask = labels == labels[rows[nearest], columns[nearest]]
     return result
 
 
-def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _eroded(mask: Mask) -> Mask:
     inner = mask.copy()
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
@@ -174,9 +171,7 @@ def arctan_rays(image: Image, centre: Array, shape: Array) -> Located | None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edge_points_on_rays(
-    image: Any, centre: Array, factor: Array, count: int
-) -> tuple[Array, NDArray[np.bool_]]:
+def _edge_points_on_rays(image: Any, centre: Array, factor: Array, count: int) -> tuple[Array, Mask]:
     """Edge point of each ray (count, 2), and whether its fit converged on the ray."""
     height, width = image.shape
     points = np.zeros((count, 2))

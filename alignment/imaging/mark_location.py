@@ -15,11 +15,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from alignment.arrays import Array, Mask
 from alignment.errors import DegenerateInputError
 from alignment.imaging import mark_ellipse as fit
 from alignment.imaging import mark_levels as levels
 from alignment.imaging.edges import OPERATORS
-from alignment.imaging.marks import Array, Bools, Marks, RoughMarks, upper_factor
+from alignment.imaging.marks import Marks, RoughMarks, upper_factor
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
 
@@ -141,16 +142,16 @@ def _by_window(
     )
 
 
-def _whole(points: Array, shape: Array, size: tuple[int, int]) -> Bools:
+def _whole(points: Array, shape: Array, size: tuple[int, int]) -> Mask:
     """Tell which outlines lie in the image as a whole: where a part is missing, a method extrapolates."""
     reach = np.sqrt(np.diagonal(shape, axis1=1, axis2=2))
-    inside: Bools = ((points - reach).min(axis=1) >= -0.5) & ((points + reach - size).max(axis=1) <= -0.5)
+    inside: Mask = ((points - reach).min(axis=1) >= -0.5) & ((points + reach - size).max(axis=1) <= -0.5)
     return inside
 
 
-def _saturated(table: Array, rough: RoughMarks) -> Bools:
+def _saturated(table: Array, rough: RoughMarks) -> Mask:
     brightest = np.maximum(table[:, fit.GROUND], table[:, fit.MARK])
-    result: Bools = brightest >= _SATURATED * rough.exposure.limit
+    result: Mask = brightest >= _SATURATED * rough.exposure.limit
     return result
 
 

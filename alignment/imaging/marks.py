@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from alignment.arrays import Array, Index, Mask
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,9 @@ class RoughMarks:
         return len(self.points)
 
     @property
-    def hollow(self) -> Bools:
+    def hollow(self) -> Mask:
         """(N,) True for ring marks."""
-        result: Bools = self.hole > 0.0
+        result: Mask = self.hole > 0.0
         return result
 
 
@@ -107,11 +104,11 @@ class Marks:
     points: Array
     covariance: Array
     shape: Array
-    hollow: Bools
+    hollow: Mask
     blur: Array
     contrast: Array
     rough: Index
-    saturated: Bools
+    saturated: Mask
     size: tuple[int, int]
     exposure: Exposure
     method: str

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from alignment.arrays import Array, Index, Mask
 from alignment.calibration.observations import MarkObservations, Plate
 from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
 from alignment.imaging.mark_grid import FEWEST, Grid, fit_homography, map_points, walk_grid
 from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.marks import Array, Bools, Index, Marks
+from alignment.imaging.marks import Marks
 from alignment.values import Image
 
 _BLURRED = 0.4  # blur over radius
@@ -224,7 +225,7 @@ class _Fit:
     rows: Index
 
 
-def _place_on_plate(grid: Grid, hollow: Bools, plane: _PlatePlane) -> Index | PlateRefusal:
+def _place_on_plate(grid: Grid, hollow: Mask, plane: _PlatePlane) -> Index | PlateRefusal:
     """Rows of the plate (K,) of the grid's marks, −1 for marks beyond the plate."""
     seen = int(hollow.sum())
     if not seen:
@@ -263,7 +264,7 @@ def _convincing(fit: _Fit, seen: int) -> bool:
     return fit.wrong == 0 or (fit.right >= 2 and fit.wrong <= max(1, seen // 4))
 
 
-def _positions(places: Index, hollow: Bools, plane: _PlatePlane) -> list[_Fit]:
+def _positions(places: Index, hollow: Mask, plane: _PlatePlane) -> list[_Fit]:
     """All turns and shifts that put a seen ring mark on one of the plate, the best first."""
     fits = []
     turned = places

@@ -11,11 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask, Singles
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
 
 #: Columns of a table of ridge points; the width stands last, where it is known.
 X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
@@ -28,7 +26,7 @@ _MEMORY = 16  # points over which a chain's direction is taken
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def derivative_weights(sigma: float) -> NDArray[np.float32]:
+def derivative_weights(sigma: float) -> Singles:
     """Weights (M,) for 1 … M pixels to the right, M = ⌈3σ⌉, of a derivative-of-Gaussian correlation.
 
     The weights to the left are their negatives. The response to an image I(x) = a x is a: the unit is grey
@@ -59,7 +57,7 @@ def zero_of_cubic(a: float, b: float, c: float, d: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mark_lively(row: Any, contrast: float, lively: NDArray[np.bool_]) -> None:
+def _mark_lively(row: Any, contrast: float, lively: Mask) -> None:
     """Tell which blocks of a row swing by more than the contrast; noise alone does not."""
     width = row.size
     for block in range(lively.size):
@@ -77,9 +75,9 @@ def _respond(
     lo: int,
     hi: int,
     pad: int,
-    weights: NDArray[np.float32],
-    grey: NDArray[np.float32],
-    response: NDArray[np.float32],
+    weights: Singles,
+    grey: Singles,
+    response: Singles,
 ) -> None:
     """Responses at lo … hi − 1 of a row, into `response`; the row from lo − pad on, into `grey`."""
     count = hi - lo
@@ -108,7 +106,7 @@ def _respond(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def row_of(image: Any, view: NDArray[np.int64], y: int) -> Any:
+def row_of(image: Any, view: Index, y: int) -> Any:
     """Row of a part of an image, without a copy.
 
     Parameters
@@ -124,7 +122,7 @@ def row_of(image: Any, view: NDArray[np.int64], y: int) -> Any:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def columns_of(image: Any, view: NDArray[np.int64], step: int) -> Any:
+def columns_of(image: Any, view: Index, step: int) -> Any:
     """Every `step`-th column of a part of an image as a row (columns, height) of another."""
     height, width, pitch = view[3] - view[1], view[2] - view[0], image.shape[1]
     out = np.empty(((width + step - 1) // step, height), image.dtype)
@@ -142,7 +140,7 @@ def columns_of(image: Any, view: NDArray[np.int64], step: int) -> Any:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def whole(image: Any) -> NDArray[np.int64]:
+def whole(image: Any) -> Index:
     """View of a whole image."""
     return np.array([0, 0, image.shape[1], image.shape[0]])
 
@@ -150,12 +148,12 @@ def whole(image: Any) -> NDArray[np.int64]:
 @njit(cache=True, nogil=True, error_model="numpy")
 def scan_rows(
     image: Any,
-    view: NDArray[np.int64],
+    view: Index,
     box: int,
-    weights: NDArray[np.float32],
+    weights: Singles,
     contrast: float,
     step: int,
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Array, Index]:
     """Ridge points of every `step`-th row.
 
     Parameters
@@ -239,8 +237,8 @@ def scan_rows(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def link_rows(
-    table: Array, starts: NDArray[np.int64], step: int, gate: float, gap: int, shortest: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    table: Array, starts: Index, step: int, gate: float, gap: int, shortest: int
+) -> tuple[Index, Index]:
     """Link ridge points of successive rows into chains.
 
     Parameters
@@ -348,9 +346,7 @@ def link_rows(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _end_line(
-    table: Array, order: NDArray[np.int64], first: int, last: int, head: bool
-) -> tuple[float, float]:
+def _end_line(table: Array, order: Index, first: int, last: int, head: bool) -> tuple[float, float]:
     """Straight line x = a + b (y − y_end) at one end of a chain, from points a little way in: a, b."""
     n = last - first
     inner = min(_PULLED, max(0, n // 2 - 2))
@@ -373,9 +369,7 @@ def _end_line(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def join_chains(
-    table: Array, order: NDArray[np.int64], starts: NDArray[np.int64], reach: float, gate: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def join_chains(table: Array, order: Index, starts: Index, reach: float, gate: float) -> tuple[Index, Index]:
     """Join chains that a crossing line has cut: an end and a start that lie on one straight line.
 
     Parameters

@@ -13,13 +13,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from skimage import filters as _filters
 
+from alignment.arrays import Array
 from alignment.values import Image
 
 filters: Any = _filters  # without types of its own
-Array = NDArray[np.float64]
 Threshold = Callable[[Image], "float | Array"]
 
 _BINS = 256

@@ -10,13 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Singles
 from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y, row_of, zero_of_cubic
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _ASIDE = 2  # pixels that the ridge may lie off the expected place, besides the pixel itself
 _FEWEST = 0.5  # of the rows of a line must show a ridge, else it is none
@@ -25,7 +22,7 @@ _BLOCK = 64  # rows
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _whole_kernel(weights: NDArray[np.float32]) -> NDArray[np.float32]:
+def _whole_kernel(weights: Singles) -> Singles:
     """(K,) the odd kernel whose right half the weights are, filled up to whole registers with zeros."""
     half = weights.size
     length = 2 * half + 1
@@ -37,7 +34,7 @@ def _whole_kernel(weights: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _response(grey: NDArray[np.float32], first: int, kernel: NDArray[np.float32]) -> float:
+def _response(grey: Singles, first: int, kernel: Singles) -> float:
     """Response whose kernel begins at entry `first`."""
     source = grey[first : first + kernel.size]
     total = np.float32(0.0)
@@ -69,9 +66,7 @@ def _expect(table: Array, first: int, last: int, top: int, margin: int, width: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _load(
-    image: Any, view: Index, top: int, corners: Index, count: int, windows: NDArray[np.float32]
-) -> None:
+def _load(image: Any, view: Index, top: int, corners: Index, count: int, windows: Singles) -> None:
     """Pixels of successive rows, from a corner on in each, into the first columns of `windows`."""
     for k in range(corners.size):
         source = row_of(image, view, top + k)[corners[k] : corners[k] + count]
@@ -85,7 +80,7 @@ def follow(
     image: Any,
     view: Index,
     box: int,
-    weights: NDArray[np.float32],
+    weights: Singles,
     contrast: float,
     step: int,
     table: Array,

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.moments import as_values, mean_of, merged, moments
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ LEAST_FOR_QUANTILES = 1000
 
 
 @dataclass(frozen=True)
-class Index:
+class CapabilityIndex:
     """An index with its two-sided confidence limits."""
 
     value: float
@@ -64,15 +64,15 @@ class Capability:
     within_df: int | None
     low: float | None
     high: float | None
-    cp: Index | None
-    cpk: Index | None
-    pp: Index | None
-    ppk: Index | None
+    cp: CapabilityIndex | None
+    cpk: CapabilityIndex | None
+    pp: CapabilityIndex | None
+    ppk: CapabilityIndex | None
     expected_outside_ppm: float | None
     confidence: float
 
     @property
-    def decisive(self) -> Index | None:
+    def decisive(self) -> CapabilityIndex | None:
         """Cpk where the spread within subgroups is known, else Ppk; None where there is no spread."""
         return self.ppk if self.within_sigma is None else self.cpk
 
@@ -225,12 +225,12 @@ def normality_p(values: ArrayLike) -> float | None:
 
 def _potential(
     low: float | None, high: float | None, sigma: float, df: int, confidence: float
-) -> Index | None:
+) -> CapabilityIndex | None:
     if low is None or high is None:
         return None
     value = (high - low) / (6.0 * sigma)
     tail = (1.0 - confidence) / 2.0
-    return Index(
+    return CapabilityIndex(
         value,
         value * math.sqrt(float(stats.chi2.ppf(tail, df)) / df),
         value * math.sqrt(float(stats.chi2.ppf(1.0 - tail, df)) / df),
@@ -239,11 +239,11 @@ def _potential(
 
 def _actual(
     low: float | None, high: float | None, mean: float, sigma: float, n: int, df: int, confidence: float
-) -> Index:
+) -> CapabilityIndex:
     room = min(
         math.inf if low is None else mean - low,
         math.inf if high is None else high - mean,
     )
     value = room / (3.0 * sigma)
     half = float(stats.norm.ppf(0.5 + confidence / 2.0)) * math.sqrt(1.0 / (9.0 * n) + value**2 / (2.0 * df))
-    return Index(value, value - half, value + half)
+    return CapabilityIndex(value, value - half, value + half)

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.choices import ChartKind, RuleSet
 from alignment.statistics.constants import chart_constants
 from alignment.statistics.moments import as_values
 from alignment.statistics.rules import Signal, signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.anova import Source, one_way, tested_against, two_way
 from alignment.statistics.choices import GrrMethod
 from alignment.statistics.constants import chart_constants, d2_star
 from alignment.statistics.moments import mean_of
-
-Array = NDArray[np.float64]
 
 POOLING_P = 0.25
 """An interaction is kept when it would arise by chance with less than this probability (AIAG)."""

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.moments import as_values, moments
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from alignment.arrays import Array, Mask
 from alignment.statistics.choices import RuleSet
 from alignment.statistics.moments import as_values
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -60,16 +58,16 @@ def rule_texts(rules: RuleSet) -> tuple[str, ...]:
     return tuple(text for text, _ in _SETS[rules])
 
 
-def _of_last(flags: Flags, least: int, window: int) -> Flags:
+def _of_last(flags: Mask, least: int, window: int) -> Mask:
     """Points at which at least `least` of the last `window` flags are set, or of those that there are."""
     counts = np.cumsum(np.concatenate([np.zeros(window), flags]))
-    enough: Flags = counts[window:] - counts[:-window] >= least
+    enough: Mask = counts[window:] - counts[:-window] >= least
     return enough
 
 
-def _same_side(beyond: float, least: int, window: int) -> Callable[[Array], Flags]:
+def _same_side(beyond: float, least: int, window: int) -> Callable[[Array], Mask]:
     # The last point is one of those: otherwise one pattern would signal again at the next point.
-    def test(z: Array) -> Flags:
+    def test(z: Array) -> Mask:
         above, below = z > beyond, z < -beyond
         high = _of_last(above, least, window) & above
         low = _of_last(below, least, window) & below
@@ -78,31 +76,31 @@ def _same_side(beyond: float, least: int, window: int) -> Callable[[Array], Flag
     return test
 
 
-def _outside(z: Array) -> Flags:
+def _outside(z: Array) -> Mask:
     return np.abs(z) > 3.0
 
 
-def _trend(z: Array) -> Flags:
+def _trend(z: Array) -> Mask:
     steps = np.diff(z, prepend=np.nan)
     return _of_last(steps > 0, 5, 5) | _of_last(steps < 0, 5, 5)
 
 
-def _alternating(z: Array) -> Flags:
+def _alternating(z: Array) -> Mask:
     steps = np.diff(z, prepend=np.nan)
     turns = np.concatenate([[False], steps[1:] * steps[:-1] < 0])
     return _of_last(turns, 12, 12)
 
 
-def _quiet(z: Array) -> Flags:
+def _quiet(z: Array) -> Mask:
     return _of_last(np.abs(z) < 1.0, 15, 15)
 
 
-def _mixture(z: Array) -> Flags:
+def _mixture(z: Array) -> Mask:
     # On one side alone four of five beyond 1 sigma tell it already, as a shift, which it then is.
     return _of_last(np.abs(z) > 1.0, 8, 8) & _of_last(z > 1.0, 1, 8) & _of_last(z < -1.0, 1, 8)
 
 
-_Rule = tuple[str, Callable[[Array], Flags]]
+_Rule = tuple[str, Callable[[Array], Mask]]
 _FIRST: _Rule = ("one point beyond 3 sigma", _outside)
 _TWO_OF_THREE: _Rule = ("two of three points beyond 2 sigma on one side", _same_side(2.0, 2, 3))
 _FOUR_OF_FIVE: _Rule = ("four of five points beyond 1 sigma on one side", _same_side(1.0, 4, 5))

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
@@ -17,8 +17,6 @@ from alignment.statistics.charts import ControlChart, control_chart
 from alignment.statistics.choices import ChartKind, RuleSet
 from alignment.statistics.linearity import BiasResult, bias
 from alignment.statistics.moments import as_values, moments
-
-Array = NDArray[np.float64]
 
 _DAY_S = 86_400.0
 

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.imaging.lines import LEAST_SINE, LightLines
 from alignment.kernels import njit, prange
 from alignment.stereo.rectification import Rectification, rectify
 from alignment.values import HeadCalibration
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 #: Columns of `Candidates.light`.
 RATIO, LEAN, GAIN = 0, 1, 2

@@ -5,14 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.geometry.cameras import PosedCamera
 from alignment.stereo.rectification import Rectification
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _STEP = 16  # pixels between the probed ones
 _MARGIN = 48  # pixels that a search needs around the part, for its filters

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.distortion import DIVISION, FOLDED, lens_distort, lens_from_pixel
 from alignment.kernels import njit
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-4  # of Newton's steps, radians; what is left is a hundred-thousandth of a pixel
 _MOST_STEPS = 30

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _GATE = 25.0  # mm; a sidewall's relief about its mean plane, with room for the first, rough plane
 _TILTS = (-0.12, 0.0, 0.12)  # start values of dz/dx and dz/dy
@@ -197,7 +194,7 @@ def _grow_all(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_candidates(heights: Array, group: Index, gate: float) -> NDArray[np.bool_]:
+def nearest_candidates(heights: Array, group: Index, gate: float) -> Mask:
     """Mark of each group the candidate with the least |height| above a surface, if below `gate`.
 
     Parameters

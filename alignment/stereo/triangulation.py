@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
-
-Array = NDArray[np.float64]
 
 
 def triangulate(

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.values import Side
 
-Array = NDArray[np.float64]
 SIGN: dict[str, float] = {"left": 1.0, "right": -1.0}
 
 

@@ -8,13 +8,9 @@ line share such a shift but not the noise, so a mean along the line shows it sev
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _GROSS = 5.0  # robust deviations: not of the surface at all
 _BESIDE_GROSS = 2  # points next to a gross one that its edge may have drawn along

@@ -16,15 +16,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.kernels import njit
 from alignment.stereo.correspondence import GAIN, LEAN, RATIO
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import solve3
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _RING = 1.5  # mm
 _NEIGHBOURS = 2  # rings on either side that smooth one

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _LEAST_INFORMATION = 0.3  # of the weights; less is no fit
 _TUKEY = 4.685

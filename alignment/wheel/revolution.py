@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import take_points
 from alignment.wheel import revolution_kernels as kernels
@@ -26,9 +26,6 @@ from alignment.wheel.revolution_steps import (
     matrix_of,
     solve_arrow,
 )
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _TUKEY = 4.0  # in robust standard deviations; small, because letters and ring edges are not noise
 _ROUGH_STEP = 8.0  # mm; knots of the first profile

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
 FEWEST = 50  # points within the profile for a fit

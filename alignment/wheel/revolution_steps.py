@@ -8,13 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.kernels import njit
 from alignment.wheel.revolution_kernels import AXIS, gradient, normal_matrix, rows, weigh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 CENTRE_PRIOR = 30.0  # mm; keeps the axis position finite on a flat sidewall
 STIFFNESS = 1e-4  # of the profile, relative to the points' weight

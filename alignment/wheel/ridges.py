@@ -10,14 +10,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
 from alignment.wheel.plane import PlaneFit
 from alignment.wheel.revolution import RevolutionFit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 BENDS_PER_HEAD = 3
 _REACH = 4.0  # mm of radius on each side of a bend

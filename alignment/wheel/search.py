@@ -12,16 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Mask
 from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import PlaneHypothesis, nearest_candidates
 from alignment.wheel.agreement import head_sums
 from alignment.wheel.gloss import without_gloss
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
-
-Array = NDArray[np.float64]
 
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
 _SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
@@ -39,7 +37,7 @@ class WheelSurface:
     """A fitted wheel, which candidates it chose, and these alone, without the shift that gloss gave them."""
 
     fit: RevolutionFit
-    chosen: NDArray[np.bool_]
+    chosen: Mask
     points: PointPool
 
 
@@ -148,9 +146,7 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
     return best
 
 
-def _fit(
-    pool: PointPool, chosen: NDArray[np.bool_], normal: Array, centre: Array, axes: Array
-) -> WheelSurface:
+def _fit(pool: PointPool, chosen: Mask, normal: Array, centre: Array, axes: Array) -> WheelSurface:
     mine = without_gloss(pool.where(chosen), axes, normal, centre)
     fit = fit_revolution(
         mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line, spread=mine.spread

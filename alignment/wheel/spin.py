@@ -15,14 +15,11 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Mask
 from alignment.errors import DegenerateInputError
 from alignment.values import Refusal, RefusalCode, Side, WheelMeasurement
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian, normal_from_angles
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEWEST_SHOTS = 8
 SHORTEST_TURN = math.radians(120.0)

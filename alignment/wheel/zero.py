@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import Side, WheelMeasurement
 from alignment.vehicle.angles import camber_toe, normal_from_angles
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

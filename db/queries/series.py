@@ -19,6 +19,7 @@ from sqlalchemy import (
     select,
 )
 
+from alignment.arrays import Array
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles, known_stations
 from db.queries.reader import ResultReader, question
@@ -51,10 +52,10 @@ class ValueSeries:
 
     characteristic: Characteristic
     time: NDArray[np.datetime64]
-    value: NDArray[np.float64]
-    u: NDArray[np.float64]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
+    value: Array
+    u: Array
+    low: Array
+    high: Array
     verdict: NDArray[np.object_]
     vin: NDArray[np.object_]
     vehicle_type: NDArray[np.object_]

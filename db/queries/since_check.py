@@ -28,6 +28,7 @@ from sqlalchemy import (
     true,
 )
 
+from alignment.arrays import Index
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Filter, about_cycles, at_stations, known_stations
 from db.queries.reader import ResultReader, question
@@ -345,7 +346,7 @@ class _Rows:
     def _beside(
         self,
         query: Select[Any],
-        keys: NDArray[np.int64],
+        keys: Index,
         link: Column[int],
         source: FromClause,
         chosen: ColumnElement[bool],

@@ -12,16 +12,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from alignment.arrays import Array, Index, Mask
 from alignment.calibration.observations import Plate
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 
-Array = NDArray[np.float64]
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
 Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
@@ -128,12 +127,12 @@ class PlateFile(StrictModel):
                     )
 
     @property
-    def indices(self) -> NDArray[np.int64]:
+    def indices(self) -> Index:
         """(M, 2) column and row of every mark, row by row."""
         j, i = np.mgrid[self.rows[0] : self.rows[1] + 1, self.columns[0] : self.columns[1] + 1]
         return np.column_stack([i.ravel(), j.ravel()]).astype(np.int64)
 
-    def hollow(self, head: str | None = None) -> NDArray[np.bool_]:
+    def hollow(self, head: str | None = None) -> Mask:
         """(M,) which marks are rings; with a head only those that it may see."""
         marks = {
             mark

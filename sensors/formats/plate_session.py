@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AwareDatetime, Field, model_validator
 
+from alignment.arrays import Array
 from alignment.calibration.observations import CameraKey
 from alignment.errors import DegenerateInputError, FormatError
 from alignment.values import Image, Side
@@ -172,7 +172,7 @@ class SessionView:
     """
 
     name: str
-    stage_mm: NDArray[np.float64] | None
+    stage_mm: Array | None
     images: Mapping[CameraKey, Image]
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from alignment.arrays import Array, Index
 from alignment.geometry.transforms import RigidTransform
 from sensors.formats.calibration import Coordinate, Pose
 from sensors.formats.files import write_bytes
@@ -36,8 +36,8 @@ class PlateTruth:
     """
 
     seed: int
-    indices: NDArray[np.int64]
-    points: NDArray[np.float64]
+    indices: Index
+    points: Array
     rig_from_plate: Mapping[str, RigidTransform]
     vehicle_from_rig: RigidTransform | None = None
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from alignment.arrays import Singles
 
 STEP_MM = 0.3
 _OVERSAMPLING = 4
@@ -40,7 +41,7 @@ class Inscription:
     relief_mm: float
 
 
-def _glyphs(inscription: Inscription) -> NDArray[np.float32]:
+def _glyphs(inscription: Inscription) -> Singles:
     """Coverage 0..1 of the word on a grid of `STEP_MM`, as read: rows downward, columns to the right."""
     pixels = inscription.size_mm / STEP_MM * _OVERSAMPLING
     face = cv2.FONT_HERSHEY_SIMPLEX
@@ -56,7 +57,7 @@ def _glyphs(inscription: Inscription) -> NDArray[np.float32]:
     return np.asarray(coverage, dtype=np.float32)
 
 
-def relief_map(inscriptions: Sequence[Inscription], inner_mm: float, outer_mm: float) -> NDArray[np.float32]:
+def relief_map(inscriptions: Sequence[Inscription], inner_mm: float, outer_mm: float) -> Singles:
     """Control values (rows over radius, columns over angle) of the relief, millimetres.
 
     Row i stands at radius ``inner_mm + i·STEP_MM``, column j at angle ``2π j/columns − π``. Edges are

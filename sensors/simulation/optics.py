@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Singles
 from alignment.errors import DegenerateInputError
 from alignment.values import Image
-
-Samples = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -52,12 +50,12 @@ class Optics:
             raise DegenerateInputError(field="bits", expected="8 or 16", seen=str(self.bits))
 
 
-def sample_offsets(samples: int) -> NDArray[np.float64]:
+def sample_offsets(samples: int) -> Array:
     """Offsets (samples,) of the samples of a pixel from its centre, along one axis, pixels."""
     return (np.arange(samples) + 0.5) / samples - 0.5
 
 
-def integrate(radiance: Samples, samples: int, blur_px: float) -> Samples:
+def integrate(radiance: Singles, samples: int, blur_px: float) -> Singles:
     """Light that each pixel collects: (s·H, s·W) radiance at the sample points → (H, W).
 
     The blur acts on the samples, then each pixel takes the mean of its own. Beyond the border the radiance is
@@ -75,7 +73,7 @@ def integrate(radiance: Samples, samples: int, blur_px: float) -> Samples:
 
 
 def develop(
-    light: Samples,
+    light: Singles,
     optics: Optics,
     rng: np.random.Generator | None,
     exposure_ms: float = 5.0,

@@ -14,17 +14,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask, Singles
 from alignment.calibration.observations import Plate
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.kernels import njit
 from alignment.values import Image
 from sensors.camera import CameraSettings
-from sensors.simulation.optics import Optics, Samples, develop, integrate
-
-Array = NDArray[np.float64]
+from sensors.simulation.optics import Optics, develop, integrate
 
 _PARTS = 2
 _CELL = 4
@@ -66,7 +64,7 @@ class PlateLight:
     top: tuple[float, float] = (0.0, 0.0)
     fall_off: float = 0.0
 
-    def over(self, model: CameraModel) -> Samples:
+    def over(self, model: CameraModel) -> Singles:
         """Factors (height, width) of the radiance."""
         x = (np.arange(model.width) - (model.width - 1) / 2) / (model.width / 2) - self.top[0]
         y = (np.arange(model.height) - (model.height - 1) / 2) / (model.height / 2) - self.top[1]
@@ -144,11 +142,11 @@ def _plate_radiance(
     rotation: Array,
     origin: Array,
     centres: Array,
-    hollow: NDArray[np.bool_],
-    rows_of: NDArray[np.int64],
+    hollow: Mask,
+    rows_of: Index,
     grid: Array,
     levels: Array,
-    out: Samples,
+    out: Singles,
 ) -> None:
     """Radiance of every part of every pixel.
 
@@ -220,7 +218,7 @@ def plate_light(
     look: PlateLook,
     blur_px: float,
     light: PlateLight,
-) -> Samples:
+) -> Singles:
     """Light (height, width) that the pixels of a camera collect of a plate.
 
     Parameters

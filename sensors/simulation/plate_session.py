@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.observations import CameraKey, Plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
@@ -20,8 +20,6 @@ from sensors.formats.plate_session import CERTIFICATE_FILE, PlateSession, Sessio
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate import PlateLight, PlateLook, plate_image
-
-Array = NDArray[np.float64]
 
 SIMULATED_TIME = datetime(2026, 1, 1, tzinfo=UTC)
 TILT = math.radians(10.0)

@@ -12,13 +12,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from sensors.simulation.surface import kernel, part
-
-Array = NDArray[np.float64]
 
 _REACH = 3.7  # standard deviations beyond which a blurred edge is over: 1e-4 of the light
 _ROOT_HALF = math.sqrt(0.5)

@@ -21,19 +21,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Singles
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings, Frame
 from sensors.shot import HeadFrames, WheelShot
 from sensors.simulation import shading
-from sensors.simulation.optics import Samples, develop, integrate, sample_offsets
+from sensors.simulation.optics import develop, integrate, sample_offsets
 from sensors.simulation.projector import PACKED, may_light
 from sensors.simulation.scene import Obstacle, WheelScene
 from sensors.simulation.shading import CELL, MIXED, NOTHING, SMOOTH, Light, Skin
 from sensors.simulation.tyre import TEXTURE_HALF_WIDTH_MM, Material, Tyre, casting_scene, tensor
-
-Array = NDArray[np.float64]
 
 SAMPLES = 2
 SIMULATED_TIME = datetime(2026, 1, 1, tzinfo=UTC)
@@ -52,7 +51,7 @@ class _Things:
             self._casters.append((casting_scene(meshes), 2))
         self.materials = _material_rows(scene.tyre, scene.obstacles)
 
-    def first_hit(self, origin: Array, rays: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    def first_hit(self, origin: Array, rays: Array) -> tuple[Array, Index, Array]:
         """Depth (N,), kind (N,) (−1 for nothing) and facet normal (N, 3) of rays (N, 3) from one point."""
         packed = np.empty((len(rays), 6), dtype=np.float32)
         packed[:, :3], packed[:, 3:] = origin, rays
@@ -68,7 +67,7 @@ class _Things:
             normal[nearer] = hit["primitive_normals"].numpy()[nearer]
         return depth, kind, normal
 
-    def lit(self, points: Array, projectors: Array) -> NDArray[np.int64]:
+    def lit(self, points: Array, projectors: Array) -> Index:
         """Bits (N,), one per packed projector, that tell which of them see the points (N, 3)."""
         bits = np.zeros(len(points), dtype=np.int64)
         packed = np.empty((len(points), 6), dtype=np.float32)
@@ -115,7 +114,7 @@ def _light(scene: WheelScene, tyre_from_rig: RigidTransform, points: Array) -> L
 
 def render_samples(
     scene: WheelScene, camera: PosedCamera, rig_from_tyre: RigidTransform, samples: int = SAMPLES
-) -> Samples:
+) -> Singles:
     """Radiance (samples · height, samples · width) that the camera sees, before its lens blurs it.
 
     Each pixel has samples × samples rays, symmetric about its centre (`optics.sample_offsets`). Radiance 1
@@ -144,7 +143,7 @@ def render_samples(
     out = np.zeros((model.height * samples, model.width * samples), dtype=np.float32)
     nodes, depth, packed = nodes.reshape(*shape, 2), depth.reshape(shape), model.packed()
 
-    def shade(band: NDArray[np.int64]) -> None:
+    def shade(band: Index) -> None:
         shading.shade_cells(
             int(band[0]), int(band[-1]) + 1, cells, depth, nodes, packed, origin, rotation,
             surface, skin, light, samples, out,
@@ -157,9 +156,7 @@ def render_samples(
     return out
 
 
-def _classify(
-    kind: NDArray[np.int64], depth: Array, lit: NDArray[np.int64], projectors: int
-) -> NDArray[np.uint8]:
+def _classify(kind: Index, depth: Array, lit: Index, projectors: int) -> NDArray[np.uint8]:
     """Sort cells by their corners: nothing seen, wheel without any edge, or to be seen sample by sample."""
 
     def corners(a: NDArray[Any]) -> tuple[NDArray[Any], ...]:
@@ -194,7 +191,7 @@ def _shade_mixed(
     skin: Skin,
     light: Light,
     samples: int,
-    out: Samples,
+    out: Singles,
 ) -> None:
     """Shade the samples of mixed cells one by one, with a ray and shadow rays of their own."""
     size = CELL * samples

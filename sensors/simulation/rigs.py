@@ -7,14 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
 from sensors.simulation.projector import LinePattern, Projector
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array, Index
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
 from alignment.vehicle.angles import camber_toe, normal_from_angles
@@ -18,8 +18,6 @@ from sensors.simulation.optics import Optics
 from sensors.simulation.projector import Projector
 from sensors.simulation.rigs import RigSpec, build_projectors
 from sensors.simulation.tyre import GREY, Material, Tyre, TyreShape, draw_tyre, lathe
-
-Array = NDArray[np.float64]
 
 RUN_OUT_RADIUS_MM = 300.0
 
@@ -77,7 +75,7 @@ class Obstacle:
     """
 
     vertices: Array
-    triangles: NDArray[np.int64]
+    triangles: Index
     material: Material = GREY
 
 

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask, Singles
 from alignment.geometry.distortion import unproject_pixel
 from sensors.simulation.projector import irradiance, may_light
 from sensors.simulation.surface import Surface, height, kernel, meet, part, relief_near
-
-Array = NDArray[np.float64]
 
 CELL = 4
 NOTHING, SMOOTH, MIXED = 0, 1, 2
@@ -36,7 +35,7 @@ class Skin(NamedTuple):
         and roughness of the rubber; the same of the rim.
     """
 
-    texture: NDArray[np.float32]
+    texture: Singles
     materials: Array
 
 
@@ -61,7 +60,7 @@ class Light(NamedTuple):
 
 @part
 def _wheel_material(
-    x: float, y: float, bump: float, texture: NDArray[np.float32], materials: Array
+    x: float, y: float, bump: float, texture: Singles, materials: Array
 ) -> tuple[float, float, float]:
     n = texture.shape[0]
     scale, last = (n - 1) / (2.0 * materials[0]), n - 1.001
@@ -131,7 +130,7 @@ def _radiance(
 @part
 def _wheel_radiance(
     x: float, y: float, z: float, dx: float, dy: float, dz: float, zx: float, zy: float, bump: float,
-    unshadowed: int, texture: NDArray[np.float32], materials: Array,
+    unshadowed: int, texture: Singles, materials: Array,
     projectors: Array, lines: Array, around: Array,
 ) -> float:  # fmt: skip
     albedo, gloss, roughness = _wheel_material(x, y, bump, texture, materials)
@@ -147,7 +146,7 @@ def _wheel_radiance(
 def shade_cells(
     first: int, last: int, kind: NDArray[np.uint8], depth: Array, nodes: Array, camera: Array,
     o: Array, R: Array, surface: Surface, skin: Skin, light: Light, samples: int,
-    out: NDArray[np.float32],
+    out: Singles,
 ) -> None:  # fmt: skip
     """Shade the smooth cells of cell rows first..last−1.
 
@@ -251,7 +250,7 @@ def shade_cells(
 
 
 @kernel
-def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Array, NDArray[np.bool_]]:
+def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Array, Mask]:
     """Exact hits of rays (N, 3) from o near t (N,): t (N,), rows (dz/dx, dz/dy, relief), and success."""
     scales, profile, relief = surface.scales, surface.profile, surface.relief
     out, gradient = np.empty_like(t), np.empty_like(rays)
@@ -265,7 +264,7 @@ def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Ar
 
 @kernel
 def shade_wheel_rays(
-    rays: Array, t: Array, unshadowed: NDArray[np.int64], o: Array, surface: Surface, skin: Skin, light: Light
+    rays: Array, t: Array, unshadowed: Index, o: Array, surface: Surface, skin: Skin, light: Light
 ) -> Array:
     """Radiance (N,) of single rays (N, 3) that hit the wheel near t; bit k of `unshadowed` is projector k."""
     hits, gradient, good = refine(rays, t, o, surface)
@@ -289,7 +288,7 @@ def shade_facets(
     t: Array,
     normals: Array,
     materials: Array,
-    unshadowed: NDArray[np.int64],
+    unshadowed: Index,
     o: Array,
     light: Light,
 ) -> Array:

@@ -14,11 +14,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Mask, Singles
 from alignment.kernels import njit
-
-Array = NDArray[np.float64]
 
 # A quotient may become a product, a product and a sum one operation: rounding errors stay far below 1e-9 mm.
 kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"arcp", "contract"})
@@ -50,11 +48,11 @@ class Surface(NamedTuple):
 
     scales: Array
     profile: Array
-    relief: NDArray[np.float32]
-    occupied: NDArray[np.bool_]
+    relief: Singles
+    occupied: Mask
 
 
-def occupied_blocks(relief: NDArray[np.float32]) -> NDArray[np.bool_]:
+def occupied_blocks(relief: Singles) -> Mask:
     """Tell which blocks of spline cells feel a control value other than zero; columns are periodic."""
     rows, columns = relief.shape
     used = relief != 0.0
@@ -85,7 +83,7 @@ def _slopes(f: float) -> tuple[float, float, float, float]:
 
 
 @part
-def _relief(row: float, column: float, relief: NDArray[np.float32]) -> tuple[float, float, float]:
+def _relief(row: float, column: float, relief: Singles) -> tuple[float, float, float]:
     """B and its derivatives along row and column, in units of the grid."""
     i, j = int(row), int(column)
     w0, w1, w2, w3 = _weights(column - j)
@@ -109,9 +107,7 @@ def _relief(row: float, column: float, relief: NDArray[np.float32]) -> tuple[flo
 
 
 @kernel
-def relief_near(
-    x: float, y: float, reach: float, scales: Array, relief: NDArray[np.float32], occupied: NDArray[np.bool_]
-) -> bool:
+def relief_near(x: float, y: float, reach: float, scales: Array, relief: Singles, occupied: Mask) -> bool:
     """Tell whether the relief may differ from zero within `reach` (under a block's size) of (x, y)."""
     rows, columns = occupied.shape
     row = (math.sqrt(x * x + y * y) - scales[2]) / scales[3]
@@ -129,7 +125,7 @@ def relief_near(
 
 @part
 def height(
-    x: float, y: float, scales: Array, profile: Array, relief: NDArray[np.float32], with_relief: bool
+    x: float, y: float, scales: Array, profile: Array, relief: Singles, with_relief: bool
 ) -> tuple[float, float, float, float, bool]:
     """Height z, its derivatives along x and y, the relief's share of z, and whether (x, y) is on the tyre.
 
@@ -163,7 +159,7 @@ def height(
 @part
 def meet(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float,
-    scales: Array, profile: Array, relief: NDArray[np.float32], with_relief: bool,
+    scales: Array, profile: Array, relief: Singles, with_relief: bool,
 ) -> tuple[float, float, float, float, bool]:  # fmt: skip
     """Where the ray o + t d meets the surface, by Newton's method from a nearby t.
 
@@ -189,9 +185,7 @@ def meet(
 
 
 @kernel
-def heights(
-    xy: Array, scales: Array, profile: Array, relief: NDArray[np.float32]
-) -> tuple[Array, NDArray[np.bool_]]:
+def heights(xy: Array, scales: Array, profile: Array, relief: Singles) -> tuple[Array, Mask]:
     """Rows (z, dz/dx, dz/dy, relief) of points (N, 2), and which lie on the tyre."""
     out = np.empty((xy.shape[0], 4))
     inside = np.empty(xy.shape[0], dtype=np.bool_)

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import expit, ndtr
 
+from alignment.arrays import Array, Index, Singles
 from alignment.errors import DegenerateInputError
 from sensors.simulation.lettering import STEP_MM, Inscription, relief_map
 from sensors.simulation.surface import Surface, heights, occupied_blocks
-
-Array = NDArray[np.float64]
 
 PROFILE_STEP_MM = 0.05
 HUB_RADIUS_MM = 60.0
@@ -116,7 +115,7 @@ class Tyre:
     rubber: Material
     rim: Material
     letter_albedo: float
-    texture: NDArray[np.float32]
+    texture: Singles
     valve: Valve | None = None
 
     @property
@@ -160,7 +159,7 @@ class Tyre:
         """Open3D ray-casting scene, tyre frame: geometry 0 the wheel (no rings, no letters), 1 the valve."""
         return casting_scene(self._meshes())
 
-    def _meshes(self) -> list[tuple[Array, NDArray[np.int64]]]:
+    def _meshes(self) -> list[tuple[Array, Index]]:
         radii = np.arange(HUB_RADIUS_MM + 2 * PROFILE_STEP_MM, self.outer_radius_mm, _MESH_STEP_MM)
         radii = np.append(radii, self.outer_radius_mm)
         knots = HUB_RADIUS_MM + PROFILE_STEP_MM * np.arange(len(self.smooth_profile))
@@ -180,7 +179,7 @@ class Tyre:
         return meshes
 
 
-def casting_scene(meshes: Sequence[tuple[Array, NDArray[np.int64]]]) -> Any:
+def casting_scene(meshes: Sequence[tuple[Array, Index]]) -> Any:
     """Open3D ray-casting scene of meshes (vertices, triangles), whose geometry ids count from 0."""
     import open3d as o3d
 
@@ -198,7 +197,7 @@ def tensor(array: NDArray[Any], kind: type[np.generic]) -> Any:
     return make(np.ascontiguousarray(array, dtype=kind))
 
 
-def lathe(outline: Array, spokes: int) -> tuple[Array, NDArray[np.int64]]:
+def lathe(outline: Array, spokes: int) -> tuple[Array, Index]:
     """Turn an outline (N, 2) of (radius, z) about the z axis: vertices (M, 3) and triangles (K, 3)."""
     angle = 2 * math.pi * np.arange(spokes) / spokes
     n = len(outline)
@@ -279,7 +278,7 @@ def make_tyre(
     rings: Sequence[Ring] = (),
     inscriptions: Sequence[Inscription] = (),
     *,
-    texture: NDArray[np.float32] | None = None,
+    texture: Singles | None = None,
     rubber: Material = RUBBER,
     rim: Material = ALLOY,
     letter_albedo: float = 1.0,
@@ -303,7 +302,7 @@ def make_tyre(
     return Tyre(surface, smooth, shape.rim_edge, rubber, rim, letter_albedo, texture, valve)
 
 
-def _draw_texture(rng: np.random.Generator, variation: float) -> NDArray[np.float32]:
+def _draw_texture(rng: np.random.Generator, variation: float) -> Singles:
     texture = np.ones((_TEXTURE_SIZE, _TEXTURE_SIZE), dtype=np.float32)
     for sigma, share in ((1.0, 0.5), (6.0, 0.5), (40.0, 1.0)):
         noise = cv2.GaussianBlur(rng.standard_normal(texture.shape, dtype=np.float32), (0, 0), sigma)

@@ -8,13 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import Adjustment
 from alignment.calibration.prediction import NominalWheel, point_covariance
 from alignment.values import HeadCalibration, RigCalibration
-
-Array = NDArray[np.float64]
 
 DEPTHS_MM = (-30.0, 0.0, 30.0)
 """Heights over the rig's plane at which the measuring volume is mapped, millimetres."""

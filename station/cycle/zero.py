@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.values import Side
 from alignment.wheel.zero import ZeroCorrection, zero_correction
 from db.records import ZeroRecord
@@ -20,6 +20,6 @@ def correction_of(record: ZeroRecord, side: Side) -> ZeroCorrection:
     )
 
 
-def _covariance(record: ZeroRecord) -> NDArray[np.float64]:
+def _covariance(record: ZeroRecord) -> Array:
     mixed = record.correlation * record.camber_u * record.toe_u
     return np.array([[record.camber_u**2, mixed], [mixed, record.toe_u**2]])

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment import measure
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
@@ -39,8 +39,6 @@ from alignment.values import (
 )
 from alignment.vehicle.angles import camber_toe
 from alignment.wheel import search
-
-Array = NDArray[np.float64]
 
 WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
 REWARM_UP_S = 0.3  # after another's turn, until caches are filled again and its threads have gone to sleep

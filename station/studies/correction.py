@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.correction import (
     Candidate,
     ErrorModel,
@@ -20,8 +20,6 @@ from alignment.calibration.correction import (
 )
 from alignment.errors import ConfigurationError
 from station.figures import Goal, Progress, Row, Study, StudyResult
-
-Array = NDArray[np.float64]
 
 FILE = "nonparallel_errors.csv"
 PLACES = (Path(), Path(__file__).resolve().parents[3] / "shared" / "seed")

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.prediction import (
     NominalWheel,
@@ -29,8 +29,6 @@ from alignment.wheel.revolution import fit_revolution
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
-
-Array = NDArray[np.float64]
 
 ARCMIN = math.pi / (180.0 * 60.0)
 WITHIN = 0.15

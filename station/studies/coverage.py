@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy import stats
 
+from alignment.arrays import Array
 from alignment.geometry.cameras import PosedCamera
 from alignment.measure import measure_wheel
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, WheelMeasurement
@@ -21,8 +21,6 @@ from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
-
-Array = NDArray[np.float64]
 
 SHOTS, QUICK_SHOTS = 300, 12
 LOWEST, HIGHEST = 0.92, 0.98

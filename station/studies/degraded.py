@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
@@ -39,8 +39,6 @@ from station.studies.wheels import (
     lights,
     study_rig,
 )
-
-Array = NDArray[np.float64]
 
 SHOTS, QUICK_SHOTS = 600, 24
 WORST_ARCMIN, SIGMAS, BEYOND, ACCEPTED = 1.0, 3.0, 1.0 / 200.0, 0.8

@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import match_heads
 from alignment.stereo.rectification import epipolar_directions
@@ -22,9 +22,6 @@ from alignment.wheel.revolution import RevolutionFit, fit_revolution, least_cova
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import ARCMIN, exposed, lights, study_rig
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 REPEATS, QUICK_REPEATS = 400, 60
 LIMIT = 1.25

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array, Index
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
 from alignment.calibration.observations import (
     CalibrationInput,
@@ -30,8 +30,6 @@ from sensors.formats.plate import PlateDescription, PlateFile, describe_plate
 from sensors.formats.plate_session import PlateSession
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
-
-Array = NDArray[np.float64]
 
 HEAD = "head"
 LEFT: CameraKey = (HEAD, "left")
@@ -207,9 +205,7 @@ def calibrate_jointly(data: CalibrationInput, model: str = "brown5") -> dict[Cam
     return adjust(data, AdjustmentSettings(model=model)).cameras
 
 
-def measured_points(
-    cameras: Mapping[CameraKey, PosedCamera], view: PlateView
-) -> tuple[NDArray[np.int64], Array]:
+def measured_points(cameras: Mapping[CameraKey, PosedCamera], view: PlateView) -> tuple[Index, Array]:
     """Rows (K,) of the marks that both cameras see in a view, and where they measure them, (K, 3) mm."""
     left, right = view.observations[LEFT], view.observations[RIGHT]
     marks, in_left, in_right = np.intersect1d(left.marks, right.marks, return_indices=True)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.row_equations import stepped, with_camera
 from alignment.geometry.cameras import PosedCamera
@@ -37,8 +37,6 @@ from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
 from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
 from station.studies.wheels import ARCMIN, exposed, lights, study_rig
-
-Array = NDArray[np.float64]
 
 WHEELS, RIGS, KNOCKS = 20, 200, 400
 QUICK_WHEELS, QUICK_RIGS, QUICK_KNOCKS = 1, 6, 12

@@ -12,9 +12,9 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array
 from alignment.calibration.lenz import calibrate_lenz
 from alignment.calibration.one_camera import Known
 from alignment.calibration.tsai import calibrate_tsai
@@ -22,8 +22,6 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from station.figures import Goal, Progress, Row, Study, StudyResult
-
-Array = NDArray[np.float64]
 
 SIZE = (752, 582)
 SCALE_X, SCALE_Y = 116.589, 120.248

@@ -7,16 +7,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from skimage import filters as _filters
 from skimage import measure as _measure
 
+from alignment.arrays import Array
 from alignment.values import Image
 
 # Without types of their own.
 filters: Any = _filters
 measure: Any = _measure
-Array = NDArray[np.float64]
 Peer = Callable[[Image, tuple[int, int]], Array]
 """Centres (N, 2) in an image of a grid of so many columns and rows of dark marks."""
 

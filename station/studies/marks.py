@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.imaging.edges import OPERATORS
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
@@ -34,8 +34,6 @@ from station.studies.rendered_marks import (
     render_plate,
     tilted_shape,
 )
-
-Array = NDArray[np.float64]
 
 COLUMNS, ROWS = 4, 3
 RMS_GOAL_PX, BIAS_GOAL_PX, BOUND_GOAL, OPENCV_GOAL = 0.012, 0.005, 1.5, 3.0

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment.measure import measure_wheel
 from alignment.values import Image, MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
@@ -19,7 +18,6 @@ from sensors.simulation.scene import WheelPose, WheelScene, draw_scene
 from station.figures import Row
 from station.studies.wheels import ARCMIN, StudyRig, errors_arcmin, exposed, lights
 
-Array = NDArray[np.float64]
 Shot = list[StereoImages]
 
 _CAMBER, _TOE = math.radians(0.6), math.radians(-0.3)

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.correction import fit_correction
 from alignment.calibration.faugeras import calibrate_faugeras
 from alignment.calibration.observations import CalibrationInput, CameraKey
@@ -34,8 +34,6 @@ from station.studies.heads import (
     square_plate,
     take_images,
 )
-
-Array = NDArray[np.float64]
 
 SPEC = HeadSpec(
     focal_mm=8.0,

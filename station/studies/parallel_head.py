@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.lenz import calibrate_lenz
 from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.two_system import calibrate_two_system
@@ -34,7 +34,6 @@ from station.studies.heads import (
     take_images,
 )
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 SPEC = HeadSpec(

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.observations import CameraKey
 from alignment.calibration.prediction import NominalWheel, angle_covariance, wheel_points
@@ -28,8 +28,6 @@ from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.covariance import measured_angles
 from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
-
-Array = NDArray[np.float64]
 
 ARCMIN = math.pi / (180.0 * 60.0)
 RIGS, QUICK_RIGS = 20, 2

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.cross_pairs import SeenWheel, cross_pairs, joined, seen_wheel
@@ -29,8 +28,6 @@ from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.refresh import ARCMIN, PIXEL, angle_errors
 from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
-
-Array = NDArray[np.float64]
 
 TURNS_ARCMIN = (0.5, 1.0, 2.0, 5.0)
 SHIFTS_MM = (0.02, 0.05, 0.1, 0.5)

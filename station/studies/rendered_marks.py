@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import j1
 
-Array = NDArray[np.float64]
+from alignment.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

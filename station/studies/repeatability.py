@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.values import MeasureSettings, WheelMeasurement
@@ -68,7 +68,7 @@ noise; true cameras. Standard deviation of camber {scatter[0]:.4f}′, of toe {s
     return StudyResult(tuple(rows), figures, goals, text, {"repeatability": _plot(errors)})
 
 
-def _plot(errors: NDArray[np.float64]) -> Figure:
+def _plot(errors: Array) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     axes = figure.subplots()
     for values, name in zip(errors.T, ("camber", "toe"), strict=True):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.contour import contour_shift
 from alignment.calibration.observations import (
     FLATNESS_SIGMA_MM,
@@ -23,8 +23,6 @@ from alignment.calibration.observations import (
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import RigCalibration
-
-Array = NDArray[np.float64]
 
 STAGES: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.0, 0.0),

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
@@ -33,8 +32,6 @@ from station.studies.wheels import (
     lights,
     study_rig,
 )
-
-Array = NDArray[np.float64]
 
 TRUE = "true cameras"
 RIDGES = "ridges"

@@ -7,23 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Singles
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
 from alignment.values import RigCalibration, Side, StereoImages, WheelMeasurement
 from sensors.formats import read_plate
 from sensors.formats.plate_session import PlateSession
-from sensors.simulation.optics import Samples, develop, integrate
+from sensors.simulation.optics import develop, integrate
 from sensors.simulation.plate_session import PlateSessionSpec, plate_positions, simulate_plate_session
 from sensors.simulation.render import SAMPLES, render_samples
 from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
 from sensors.simulation.scene import WheelScene, truth_of
 from station.calibration.calibrate import observe_session
 from station.configuration.places import default_config
-
-Array = NDArray[np.float64]
 
 ARCMIN = math.radians(1.0 / 60.0)
 PLATE = "plates/rig.toml"
@@ -79,7 +77,7 @@ def observed(session: PlateSession) -> CalibrationInput:
     return CalibrationInput(session.plate.plate, views, dict(session.sizes), session.stage_sigma_mm)
 
 
-def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Samples, Samples]]:
+def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Singles, Singles]]:
     """Light on the chips of each head's cameras, without noise: what rendering costs its time for."""
     pose = scene.rig_from_tyre(cameras)
     out = []
@@ -94,7 +92,7 @@ def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Samples, Sa
 
 
 def exposed(
-    light: Sequence[tuple[Samples, Samples]],
+    light: Sequence[tuple[Singles, Singles]],
     scene: WheelScene,
     rng: np.random.Generator,
     exposure_ms: float = 5.0,

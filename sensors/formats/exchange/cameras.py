@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError, FormatError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
-
-Array = NDArray[np.float64]
 
 _OF_HEAD = re.compile(r"^(?P<head>.+)[._/-](?P<side>left|right)$")
 _NOT_RIGID = 1e-3

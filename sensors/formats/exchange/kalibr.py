@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import Field
 
 from alignment.errors import FormatError
@@ -31,7 +30,6 @@ from sensors.formats.exchange.cameras import (
 from sensors.formats.files import read_bytes, write_bytes
 from sensors.formats.validation import validate
 
-Array = NDArray[np.float64]
 _Row = tuple[float, float, float, float]
 _TOPIC = re.compile(r"(?:^|/)(?P<head>[^/]+)/(?P<side>left|right)(?:/|$)")
 _KIND = "a camera chain of Kalibr"

@@ -19,9 +19,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from alignment.arrays import Array
 from alignment.errors import Deed, FormatError, Remedy
 from alignment.geometry.cameras import CameraModel
 from alignment.geometry.transforms import RigidTransform
@@ -34,7 +34,6 @@ from sensors.formats.exchange.cameras import (
 )
 from sensors.formats.files import read_bytes, write_bytes
 
-Array = NDArray[np.float64]
 _COUNTS = (4, 5, 8, 12, 14)
 _PARSING_ERROR = re.compile(r"\((\d+)\): (.*)'")
 _MATRIX_KEYS = {"rows", "cols", "dt", "data"}

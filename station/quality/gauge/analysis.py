@@ -9,8 +9,8 @@ from decimal import Decimal
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.budget import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
 from alignment.statistics.choices import ChartKind, GrrMethod, Judgement, RuleSet
@@ -33,8 +33,6 @@ from alignment.statistics.type1 import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USU
 from station.figures import Goal, Row, StudyResult
 from station.quality.gauge import pictures
 from station.quality.gauge.file import GaugeRow
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.statistics.budget import UncertaintyBudget
 from alignment.statistics.charts import ControlChart, Track
 from alignment.statistics.grr import GaugeData, GrrResult
 from alignment.statistics.linearity import LinearityResult
 from db.exports.fonts import picture_text
-
-Array = NDArray[np.float64]
 
 
 def grr_components(found: GrrResult) -> Figure:

@@ -8,9 +8,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from alignment.arrays import Array, Index
 from alignment.statistics.moments import Moments, merged
 from alignment.statistics.moments import moments as moments_of
 from alignment.statistics.stability import drift_of, drift_per_day
@@ -29,8 +29,6 @@ from db.records import EventRecord
 from station.quality.pictures import Picture, Trace
 from station.quality.reports.report import Row, Section, shown_time
 from station.quality.reports.values import NEWEST, comparable, in_degrees, times, wheel_angles
-
-Array = NDArray[np.float64]
 
 TEMPERATURE = "temperature"
 """Code of events whose text begins with a temperature in degrees Celsius: ``31.5 °C``."""
@@ -227,14 +225,14 @@ def _influence(
     }  # fmt: skip
 
 
-def _changes(series: ValueSeries, mine: NDArray[np.int64]) -> list[int]:
+def _changes(series: ValueSeries, mine: Index) -> list[int]:
     """Positions in `mine` at which the calibration is another one than before."""
     used = [series.calibration_id[index] for index in mine]
     return [k for k in range(1, len(used)) if used[k] != used[k - 1] and None not in (used[k], used[k - 1])]
 
 
 def _calibration_steps(
-    values: Array, series: ValueSeries, mine: NDArray[np.int64]
+    values: Array, series: ValueSeries, mine: Index
 ) -> list[dict[str, str | float | int | None]]:
     changes = _changes(series, mine)
     rows: list[dict[str, str | float | int | None]] = []
@@ -277,7 +275,7 @@ def _daily(
     station: str,
     values: Array,
     series: ValueSeries,
-    mine: NDArray[np.int64],
+    mine: Index,
 ) -> Picture:
     days = series.time[mine].astype("datetime64[D]")
     known = np.unique(days)

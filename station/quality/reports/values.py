@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.statistics.capability import (
     LEAST_CPK,
-    Index,
+    CapabilityIndex,
     capability,
     judged,
     moving_range_sigma,
@@ -28,8 +28,6 @@ from db.queries import Moments as StoredMoments
 from station.quality.pictures import Picture, Trace
 from station.quality.reports.choices import SplitBy
 from station.quality.reports.report import Row, Section, in_words, shown_time
-
-Array = NDArray[np.float64]
 
 NEWEST = 20_000
 """Single values that distributions and charts take at most, the newest ones."""
@@ -360,7 +358,7 @@ def _signals(
     return rows
 
 
-def _index(name: str, index: Index | None) -> dict[str, float | None]:
+def _index(name: str, index: CapabilityIndex | None) -> dict[str, float | None]:
     if index is None:
         return {name: None, f"{name}_low": None, f"{name}_high": None}
     return {name: index.value, f"{name}_low": index.low, f"{name}_high": index.high}

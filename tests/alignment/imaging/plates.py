@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.observations import Plate
 from station.studies.rendered_marks import as_camera, render_plate
 
-Array = NDArray[np.float64]
 SIZE = (640, 480)
 PITCH = 15.0
 RADIUS = 4.0

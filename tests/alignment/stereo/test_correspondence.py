@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.crosses import Crosses
 from alignment.imaging.lines import LightLines
 from alignment.stereo.correspondence import GAIN, LEAN, RATIO, match_lines
 from alignment.values import HeadCalibration
-
-Array = NDArray[np.float64]
 
 MODEL = CameraModel(1280, 1024, 3000.0, 3000.0, 640.0, 512.0, "brown", (-0.08, 0.01, 1e-4, -1e-4, 0.0))
 FACING = np.diag([-1.0, 1.0, -1.0])

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.wheel.agreement import head_misfits
 from alignment.wheel.revolution import fit_revolution
-
-Array = NDArray[np.float64]
 
 
 def misfits(rng: np.random.Generator, move: Array) -> Array:

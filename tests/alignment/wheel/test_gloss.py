@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.imaging.lines import extract_light_lines
 from alignment.wheel.gloss import gloss_shifts
-
-Array = NDArray[np.float64]
 
 AXES = np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]] * 3)
 GAIN = 0.7  # mm²; three pixels wide, 400 mm away

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from alignment.arrays import Array
 from alignment.wheel import revolution_kernels as kernels
 from alignment.wheel.revolution_steps import frame_of, solve_arrow
-
-Array = NDArray[np.float64]
 
 START, STEP, KNOTS = 205.0, 4.0, 30
 END = START + STEP * (KNOTS - 3)

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import PlaneHypothesis
 from alignment.wheel.search import find_surface
 from tests.assertions import ARCMIN
-
-Array = NDArray[np.float64]
 
 SIGMA, GHOST = 0.02, 45.0
 AXES = np.tile(np.eye(3)[:, :2], (3, 1, 1))

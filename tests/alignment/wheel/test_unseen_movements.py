@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.knocks import KnockModel, knock_model
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.stereo.rows import TERMS, RowFields
@@ -17,8 +17,6 @@ from alignment.wheel.judgement import Judgement, judge
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.knocked import plate_covariance
 from tests.assertions import ARCMIN
-
-Array = NDArray[np.float64]
 
 RMS, HEADS = 0.03, 3
 POINTS = 3000  # per head
