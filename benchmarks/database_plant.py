@@ -50,7 +50,7 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 # Two shifts, 06:00 to 22:00 UTC; the last one ends here.
 END = datetime(2026, 11, 20, 22, tzinfo=UTC)
 SEED = 1
-# Every rig is checked with the master wheel once a day.
+# Every rig is checked with the master wheel once a day, at most so long back.
 CHECKED_DAYS = 60
 MINUTES_A_DAY = 960
 _DEG = math.radians(1.0)
@@ -271,6 +271,9 @@ def new_cycle(station: str, number: int) -> CycleRecord:
 def prepare(url: str, wheel_results: int) -> dict[str, float]:
     """Build a database with the plant in it; return seconds of each step."""
     migrate(url)
+    minutes = wheel_results // (len(WHEELS) * len(STATIONS))
+    first = int(received(np.zeros(1, np.int64), minutes)[0])
+    checked_days = min(CHECKED_DAYS, 2 + (int(END.timestamp()) - first) // 86_400)
     with ResultStore(url) as store:
         for number, name in enumerate(STATIONS):
             uses = []
@@ -278,7 +281,7 @@ def prepare(url: str, wheel_results: int) -> dict[str, float]:
                 used = calibration_id(name, wheel)
                 store.record_calibration(CalibrationRecord(used, wheel, END - timedelta(days=400), {}))
                 uses.append(InstallationRecord(name, wheel, used, END - timedelta(days=400)))
-                for days in range(CHECKED_DAYS):
+                for days in range(checked_days):
                     # Every day, one rig after the other.
                     checked = END - timedelta(days=days, hours=26, minutes=-2 * rig)
                     store.record_check(

@@ -9,6 +9,7 @@ import importlib.util
 import json
 import re
 import shlex
+import shutil
 import tomllib
 from collections import Counter
 from collections.abc import Callable
@@ -26,7 +27,7 @@ from sensors.formats import SCHEMAS, read_plate
 from station.cli import app, main
 from station.configuration.settings import StationConfig, read_station
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
-from tests.station.quality.conftest import write_month
+from tests.station.quality.conftest import folder_of_month
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FENCES = [fence for document in DOCUMENTS for fence in fences(document)]
@@ -56,7 +57,7 @@ def test_the_readme_s_questions_are_answered_by_an_example_database(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write_month("sqlite:///results.db")
+    shutil.copyfile(folder_of_month() / "results.db", "results.db")
     rows = [
         f"{part},{who},{trial},{part + 0.01 * trial}" for part in range(5) for who in "AB" for trial in (1, 2)
     ]

@@ -12,7 +12,15 @@ from station.commands.warm_up import compiled_for
 
 
 def bench(
-    repeats: Annotated[int, typer.Option(help="Timed measurements, in seven turns.", min=3, max=1000)] = 70,
+    repeats: Annotated[
+        int, typer.Option(help="Timed measurements, in up to seven turns.", min=1, max=1000)
+    ] = 70,
+    warm_up: Annotated[
+        float,
+        typer.Option(
+            help="Seconds of measuring before the first turn; a tenth of it before each.", min=0, max=60
+        ),
+    ] = 3.0,
     as_json: JsonFlag = False,
 ) -> None:
     """Time one wheel's measurement beside dense stereo with a RANSAC plane, in one run, stage by stage.
@@ -22,7 +30,7 @@ def bench(
     from station.rehearsal.benchmark import LEAST_SPEEDUP, MOST_MEMORY_MB, MOST_MS, goals, run
 
     compiled_for(("measure_8", "wheel_images"), as_json)
-    figures = run(repeats)
+    figures = run(repeats, warm_up)
     met = goals(figures)
     if as_json:
         wanted = {

@@ -41,7 +41,9 @@ from alignment.vehicle.angles import camber_toe
 from alignment.wheel import search
 
 WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
-REWARM_UP_S = 0.3  # after another's turn, until caches are filled again and its threads have gone to sleep
+REWARM_UP = (
+    0.1  # of it after another's turn, until caches are filled again and its threads have gone to sleep
+)
 ROUNDS, REPEATS = 7, 70
 CAMBER, TOE, SEED = math.radians(1.0), math.radians(-0.5), 1
 MOST_MS, LEAST_SPEEDUP, MOST_MEMORY_MB = 25.0, 60.0, 1000.0
@@ -185,29 +187,38 @@ def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats
 def measure_alone() -> None:
     """Answer each line of standard input, a number of measurements, with their times; then with the stages'.
 
-    The images come first, pickled. All answers are lines of JSON.
+    The images come first, pickled, with the calibration and the seconds of both warm-ups. All answers are
+    lines of JSON.
     """
-    images, calibration = pickle.load(sys.stdin.buffer)
+    images, calibration, warm_up_s, rewarm_up_s = pickle.load(sys.stdin.buffer)
 
     def warm(seconds: float) -> None:
         end = time.perf_counter() + seconds
         while time.perf_counter() < end:
             measure_wheel(images, calibration, MeasureSettings())
 
-    warm(WARM_UP_S)
-    repeats = 1
+    warm(warm_up_s)
+    rounds, repeats = 0, 1
     for line in sys.stdin.buffer:
-        repeats = int(line)
-        warm(REWARM_UP_S)
+        rounds, repeats = rounds + 1, int(line)
+        warm(rewarm_up_s)
         sys.stdout.write(json.dumps(_milliseconds(images, calibration, repeats)) + "\n")
         sys.stdout.flush()
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    stages = _stages(images, calibration, ROUNDS * repeats)
+    stages = _stages(images, calibration, rounds * repeats)
     sys.stdout.write(json.dumps({"peak_mb": peak_mb, "stages": stages}))
 
 
-def run(repeats: int = REPEATS) -> dict[str, float]:
-    """Time everything on one rendered wheel, in turns, and return the figures."""
+def run(repeats: int = REPEATS, warm_up_s: float = WARM_UP_S) -> dict[str, float]:
+    """Time everything on one rendered wheel, in turns, and return the figures.
+
+    Parameters
+    ----------
+    repeats
+        Timed measurements, in seven turns where there are as many.
+    warm_up_s
+        Seconds of measuring before the first turn, and a tenth of it before every turn.
+    """
     sample, settings = render_sample(), MeasureSettings()
     ours = measure_wheel(sample.images, sample.calibration, settings)
     if not isinstance(ours, WheelMeasurement):
@@ -217,7 +228,8 @@ def run(repeats: int = REPEATS) -> dict[str, float]:
     rotation = sample.calibration.vehicle_from_rig
     camber, toe = camber_toe(rotation.apply_vectors(normal), sample.calibration.side)
     every = [image for pair in sample.images for image in (pair.left, pair.right)]
-    per_round = math.ceil(repeats / ROUNDS)
+    rounds = min(ROUNDS, repeats)
+    per_round = math.ceil(repeats / rounds)
 
     turns = []
     with subprocess.Popen(
@@ -227,8 +239,8 @@ def run(repeats: int = REPEATS) -> dict[str, float]:
     ) as alone:
         assert alone.stdin is not None
         assert alone.stdout is not None
-        alone.stdin.write(pickle.dumps((sample.images, sample.calibration)))
-        for _ in range(ROUNDS):
+        alone.stdin.write(pickle.dumps((sample.images, sample.calibration, warm_up_s, REWARM_UP * warm_up_s)))
+        for _ in range(rounds):
             alone.stdin.write(b"%d\n" % per_round)
             alone.stdin.flush()
             answer = alone.stdout.readline()

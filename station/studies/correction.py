@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,15 +46,20 @@ PUBLISHED_FORMS = {
 }
 
 
-def read_errors() -> tuple[Array, Array]:
+def read_errors(places: Sequence[Path] = PLACES) -> tuple[Array, Array]:
     """Points (49, 3) and errors (49, 3) of the printed table, millimetres; NaN where a number is illegible.
+
+    Parameters
+    ----------
+    places
+        Folders in which the table is looked for, in their order.
 
     Raises
     ------
     ConfigurationError
         When the table is not there, or not as it should be.
     """
-    for place in PLACES:
+    for place in places:
         file = place / FILE
         if file.is_file():
             rows = np.genfromtxt(file, delimiter=",", skip_header=1, ndmin=2)
@@ -63,7 +69,7 @@ def read_errors() -> tuple[Array, Array]:
                 )
             return np.column_stack([GRID_MM * rows[:, :2] + FIRST_MM, np.zeros(len(rows))]), rows[:, 2:]
     raise ConfigurationError(
-        file=PLACES[0] / FILE,
+        file=places[0] / FILE,
         expected="the table of printed errors, with columns x, y (grid steps of 25 mm), ex, ey, ez (mm)",
         seen="no such file",
         cure="Put it into the current folder.",
@@ -73,7 +79,18 @@ def read_errors() -> tuple[Array, Array]:
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; it draws nothing at random. See `RunStudy`."""
     del seed
-    points, errors = read_errors()
+    return run_table(PLACES, quick, progress)
+
+
+def run_table(places: Sequence[Path], quick: bool, progress: Progress) -> StudyResult:
+    """Run the study with the table that one of these folders holds.
+
+    Raises
+    ------
+    ConfigurationError
+        When the table is not there, or not as it should be.
+    """
+    points, errors = read_errors(places)
     progress(0.1, "fitting")
     correction = fit_correction(points, errors)
     rows: list[Row] = []

@@ -214,17 +214,20 @@ class Summary:
 
 
 def compare(
-    images: list[Conditions], rng: np.random.Generator, told: Callable[[float], None] = lambda done: None
+    images: list[Conditions],
+    rng: np.random.Generator,
+    told: Callable[[float], None] = lambda done: None,
+    methods: Mapping[str, Locate] = METHODS,
 ) -> tuple[dict[str, Summary], float]:
     """Every method on one image of each kind, and the bound on the RMS distance, pixels."""
-    errors: dict[str, list[Array]] = {name: [] for name in METHODS}
+    errors: dict[str, list[Array]] = {name: [] for name in methods}
     bounds = []
     for n, conditions in enumerate(images):
         told(n / len(images))
         image, centres, mark = draw_image(conditions, rng)
         bounds.append(float(np.trace(cramer_rao(mark, conditions.noise))))
         rough = find_marks(image, least_radius=4.0)
-        for name, locate in METHODS.items():
+        for name, locate in methods.items():
             errors[name].append(errors_of(locate(image, rough), centres))
     count = len(images) * COLUMNS * ROWS
     summaries = {name: Summary.of(np.concatenate(e), count) for name, e in errors.items()}

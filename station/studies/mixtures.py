@@ -108,11 +108,20 @@ def _doubled(now: Shot, old: Shot, heads: tuple[int, ...]) -> Shot:
     ]
 
 
-def mixtures(rig: StudyRig, seed: int) -> tuple[WheelScene, list[Mixture]]:
-    """Render the scenes, and make the thirty mixtures; also the scene that counts as true."""
+def pictured(rig: StudyRig, scene: WheelScene, rng: np.random.Generator) -> Shot:
+    """Rendered images of a scene before the true cameras."""
+    return exposed(lights(scene, rig.true), scene, rng)
+
+
+def mixtures(
+    rig: StudyRig,
+    seed: int,
+    picture: Callable[[StudyRig, WheelScene, np.random.Generator], Shot] = pictured,
+) -> tuple[WheelScene, list[Mixture]]:
+    """Take pictures of the scenes, and make the thirty mixtures; also the scene that counts as true."""
     rng = np.random.default_rng([seed, 42])
     scenes = _scenes(rig, seed)
-    shots = {name: exposed(lights(scene, rig.true), scene, rng) for name, scene in scenes.items()}
+    shots = {name: picture(rig, scene, rng) for name, scene in scenes.items()}
     now = shots["now"]
     out = []
     for name in (*MOVES, "another tyre"):

@@ -119,11 +119,20 @@ def errors_of_head(rng: np.random.Generator, lines: Sequence[Line] = LINES) -> d
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
-    heads = 2 if quick else 10
+    return run_heads(2 if quick else 10, seed, progress)
+
+
+def run_heads(
+    heads: int,
+    seed: int,
+    progress: Progress,
+    measure: Callable[[np.random.Generator], Mapping[str, HeadErrors]] = errors_of_head,
+) -> StudyResult:
+    """Run the study with so many heads, each measured by all lines."""
     found: dict[str, list[HeadErrors]] = {line.name: [] for line in LINES}
     for k in range(heads):
         progress(k / heads, f"head {k + 1} of {heads}")
-        for name, of_head in errors_of_head(np.random.default_rng([seed, k])).items():
+        for name, of_head in measure(np.random.default_rng([seed, k])).items():
             found[name].append(of_head)
     rows: list[Row] = []
     figures: dict[str, float] = {}

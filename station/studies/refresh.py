@@ -8,6 +8,7 @@ Scored is what the calibrations make of a nominal wheel, against the true camera
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +20,7 @@ from alignment.calibration.prediction import NominalWheel, angle_covariance, whe
 from alignment.calibration.refresh import Refreshed, refresh
 from alignment.calibration.row_equations import stepped, with_camera
 from alignment.geometry.transforms import RigidTransform
-from alignment.values import MeasureSettings, RigCalibration
+from alignment.values import MeasureSettings, RigCalibration, StereoImages
 from sensors.simulation.plate_session import plate_positions
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
@@ -39,7 +40,11 @@ ACROSS_ARCMIN = 0.05
 _HONEST = 0.15
 
 
-def knocked_rig(rng: np.random.Generator) -> tuple[RigCalibration, RigCalibration, CameraKey]:
+KnockedRig = tuple[RigCalibration, RigCalibration, CameraKey]
+Estimate = Callable[[Sequence[Sequence[StereoImages]], RigCalibration, MeasureSettings], Refreshed]
+
+
+def knocked_rig(rng: np.random.Generator) -> KnockedRig:
     """Return a calibration in force, the true cameras since a knock, and which one was knocked."""
     true = build_rig(RIG_SPECS["standard"], "front_left", "left", rng)
     poses = [
@@ -90,19 +95,38 @@ def _row(rig: int, found: Refreshed, known: RigCalibration, now: RigCalibration,
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
     rigs, shots = (QUICK_RIGS, QUICK_SHOTS) if quick else (RIGS, SHOTS)
-    spec, shapes = RIG_SPECS["standard"], sorted(SHAPES)
+    return run_rigs(rigs, shots, seed, progress)
+
+
+def pictured(now: RigCalibration, rng: np.random.Generator) -> tuple[StereoImages, ...]:
+    """Rendered images of a wheel, drawn at random, before these cameras."""
+    camber, toe = rng.uniform(-0.03, 0.03, 2)
+    pose, spec = draw_pose(rng, camber, toe), RIG_SPECS["standard"]
+    scene = draw_scene(spec, "left", pose, rng, str(rng.choice(sorted(SHAPES))))
+    return simulate_shot(scene, now, rng).images
+
+
+def run_rigs(
+    rigs: int,
+    shots: int,
+    seed: int,
+    progress: Progress,
+    *,
+    knock: Callable[[np.random.Generator], KnockedRig] = knocked_rig,
+    picture: Callable[[RigCalibration, np.random.Generator], Sequence[StereoImages]] = pictured,
+    estimate: Estimate = refresh,
+) -> StudyResult:
+    """Run the study with so many rigs and shots; how rigs, pictures and estimates come about is given."""
     rows: list[Row] = []
     for k in range(rigs):
         rng = np.random.default_rng([seed, 11, k])
-        known, now, camera = knocked_rig(rng)
+        known, now, camera = knock(rng)
         images = []
         for n in range(shots):
             progress((k + n / (shots + 1)) / rigs, f"rig {k + 1} of {rigs}, shot {n + 1} of {shots}")
-            camber, toe = rng.uniform(-0.03, 0.03, 2)
-            scene = draw_scene(spec, "left", draw_pose(rng, camber, toe), rng, str(rng.choice(shapes)))
-            images.append(simulate_shot(scene, now, rng).images)
+            images.append(picture(now, rng))
         progress((k + shots / (shots + 1)) / rigs, f"rig {k + 1} of {rigs}, refresh")
-        rows.append(_row(k + 1, refresh(images, known, MeasureSettings()), known, now, camera))
+        rows.append(_row(k + 1, estimate(images, known, MeasureSettings()), known, now, camera))
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "camera"}
 
     def rms(name: str) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.cross_pairs import SeenWheel, cross_pairs, joined, seen_wheel
 from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refresh import Sightings, refresh_from
+from alignment.calibration.refresh import Refreshed, Sightings, refresh_from
 from alignment.calibration.row_equations import with_camera
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
@@ -125,13 +125,30 @@ def sightings(wheels: Sequence[SeenWheel], calibration: RigCalibration) -> Sight
     return Sightings(pairs, tuple(wheels), settings)
 
 
-def judged(wheels: Sequence[SeenWheel], known: RigCalibration, true: RigCalibration, knock: Knock) -> Row:
+def refreshed(wheels: Sequence[SeenWheel], known: RigCalibration) -> Refreshed:
+    """What a refresh with these wheels says of a calibration.
+
+    Raises
+    ------
+    DegenerateInputError
+        When only a plate can help.
+    """
+    return refresh_from(sightings(wheels, known), known)
+
+
+def judged(
+    wheels: Sequence[SeenWheel],
+    known: RigCalibration,
+    true: RigCalibration,
+    knock: Knock,
+    refresh: Callable[[Sequence[SeenWheel], RigCalibration], Refreshed] = refreshed,
+) -> Row:
     """Refresh one rig: what it says, and what it leaves."""
     error = float(np.abs(angle_errors(known, true)).max())
     stated = 2.0 * max(predict_angle_uncertainty(known))
     contradiction, unseen = float("nan"), 0.0
     try:
-        found = refresh_from(sightings(wheels, known), known)
+        found = refresh(wheels, known)
     except DegenerateInputError:
         said = "plate"
     else:

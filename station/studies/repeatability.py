@@ -23,7 +23,11 @@ CAMBER, TOE = math.radians(-0.8), math.radians(0.2)
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
-    count = QUICK_REPEATS if quick else REPEATS
+    return run_repeats(QUICK_REPEATS if quick else REPEATS, seed, progress)
+
+
+def run_repeats(count: int, seed: int, progress: Progress) -> StudyResult:
+    """Run the study with so many repeats."""
     rig = study_rig("standard", seed)
     rng = np.random.default_rng([seed, 4])
     wheel = draw_scene(rig.spec, rig.side, draw_pose(rng, CAMBER, TOE), rng, seed=seed)

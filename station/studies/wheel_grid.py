@@ -9,7 +9,7 @@ station measures it: a master wheel at zero is turned and its spin axis taken fr
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
-from alignment.values import MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
+from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel.spin import SpinMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
@@ -116,28 +116,83 @@ class CaseReadings:
     zeros: Mapping[str, tuple[float, float]]
 
 
-def measure_case(case: Case, seed: int, quick: bool, progress: Progress) -> CaseReadings:
-    """Measure all poses of a case with each calibration, the true cameras, and the method of the ridges.
+@dataclass(frozen=True, eq=False)
+class CalibratedRig:
+    """The rig of a case, and its calibrations by the number of their plate, as text."""
+
+    rig: StudyRig
+    calibrations: Mapping[str, RigCalibration]
+
+
+Calibrate = Callable[[Case, int, Progress], CalibratedRig]
+Measure = Callable[
+    [Sequence[StereoImages], RigCalibration, MeasureSettings],
+    WheelMeasurement | Refusal,
+]
+
+
+def calibrated(case: Case, seed: int, progress: Progress) -> CalibratedRig:
+    """Build the rig of a case, and calibrate it from rendered images of each of its plates.
+
+    Raises
+    ------
+    DegenerateInputError
+        When a calibration fails.
+    """
+    rig = study_rig(case.rig, seed)
+    found: dict[str, RigCalibration] = {}
+    for k in range(case.plates):
+        progress(k / case.plates, f"{case.rig}, {case.tyre}: plate {k + 1} of {case.plates}")
+        found[str(k + 1)] = calibrate_from_plate(rig, seed + k)
+    return CalibratedRig(rig, found)
+
+
+def measure_case(
+    case: Case,
+    seed: int,
+    wanted: Sequence[tuple[float, float]],
+    progress: Progress,
+    calibrate: Calibrate = calibrated,
+) -> CaseReadings:
+    """Measure poses (camber, toe), degrees, of a case, and its zero.
 
     Raises
     ------
     DegenerateInputError
         When a calibration fails, or a wheel is refused; which must not happen with good pictures.
     """
-    rig = study_rig(case.rig, seed)
-    what = f"{case.rig}, {case.tyre}"
-    wanted = poses(quick)
     steps = case.plates + 2 + len(wanted)
-    calibrations: dict[str, RigCalibration] = {}
-    for k in range(case.plates):
-        progress(k / steps, f"{what}: plate {k + 1} of {case.plates}")
-        calibrations[str(k + 1)] = calibrate_from_plate(rig, seed + k)
-    progress(case.plates / steps, f"{what}: zero measurement")
-    zeros = measure_zeros(case, rig, calibrations, seed)
+    known = calibrate(case, seed, lambda done, doing: progress(done * case.plates / steps, doing))
+    progress(case.plates / steps, f"{case.rig}, {case.tyre}: zero measurement")
+    zeros = measure_zeros(case, known.rig, known.calibrations, seed)
+    first = (case.plates + 2) / steps
+
+    def rest(done: float, doing: str) -> None:
+        progress(first + (1.0 - first) * done, doing)
+
+    return CaseReadings(measure_poses(case, known, seed, wanted, rest), zeros)
+
+
+def measure_poses(
+    case: Case,
+    known: CalibratedRig,
+    seed: int,
+    wanted: Sequence[tuple[float, float]],
+    progress: Progress,
+    measure: Measure = measure_wheel,
+) -> list[Reading]:
+    """Measure poses (camber, toe) with each calibration, the true cameras, and the method of the ridges.
+
+    Raises
+    ------
+    DegenerateInputError
+        When a wheel is refused by another method than that of the ridges.
+    """
+    rig, what = known.rig, f"{case.rig}, {case.tyre}"
     rng = np.random.default_rng([seed, 3])
     readings = []
     for k, (camber, toe) in enumerate(wanted):
-        progress((case.plates + 2 + k) / steps, f"{what}: camber {camber:+g}°, toe {toe:+g}°")
+        progress(k / len(wanted), f"{what}: camber {camber:+g}°, toe {toe:+g}°")
         pose = draw_pose(rng, math.radians(camber), math.radians(toe))
         scene = draw_scene(rig.spec, rig.side, pose, rng, case.tyre, seed=seed)
         light = lights(scene, rig.true)
@@ -145,7 +200,7 @@ def measure_case(case: Case, seed: int, quick: bool, progress: Progress) -> Case
         def read(
             by: str, images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
         ) -> Reading | None:
-            result = measure_wheel(images, calibration, settings)
+            result = measure(images, calibration, settings)
             if not isinstance(result, WheelMeasurement):
                 if settings.method == RIDGES:
                     return None
@@ -158,14 +213,14 @@ def measure_case(case: Case, seed: int, quick: bool, progress: Progress) -> Case
             return Reading(by, camber, toe, *errors_arcmin(result, scene), *map(float, u))  # noqa: B023
 
         # Each calibration gets pictures of its own: the same light, noise drawn anew.
-        for by, calibration in calibrations.items():
+        for by, calibration in known.calibrations.items():
             images = exposed(light, scene, rng)
             found = [read(by, images, calibration, MeasureSettings())]
             if by == "1":
                 found.append(read(TRUE, images, rig.true, MeasureSettings()))
                 found.append(read(RIDGES, images, calibration, MeasureSettings(method="ridges")))
             readings += [reading for reading in found if reading is not None]
-    return CaseReadings(readings, zeros)
+    return readings
 
 
 def measure_zeros(
@@ -260,11 +315,17 @@ def _figures(case: Case, measured: CaseReadings) -> tuple[dict[str, float], list
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`. Quick: five poses, the first rig, one plate."""
     cases = (Case("standard", "touring", 1),) if quick else CASES
-    return run_cases(cases, seed + 1, quick, progress)
+    return run_cases(cases, seed + 1, poses(quick), progress)
 
 
-def run_cases(cases: Sequence[Case], seed: int, quick: bool, progress: Progress) -> StudyResult:
-    """Run the study with other rigs, tyres and numbers of plates; `seed` is the first plate's."""
+def run_cases(
+    cases: Sequence[Case],
+    seed: int,
+    wanted: Sequence[tuple[float, float]],
+    progress: Progress,
+    calibrate: Calibrate = calibrated,
+) -> StudyResult:
+    """Run the study with other rigs, tyres, numbers of plates, and poses; `seed` is the first plate's."""
     rows: list[Row] = []
     figures: dict[str, float] = {}
     goals: list[Goal] = []
@@ -274,7 +335,7 @@ def run_cases(cases: Sequence[Case], seed: int, quick: bool, progress: Progress)
         def part(done: float, doing: str, k: int = k) -> None:
             progress((k + done) / len(cases), doing)
 
-        measured = measure_case(case, seed, quick, part)
+        measured = measure_case(case, seed, wanted, part, calibrate)
         readings = measured.readings
         rows += _rows(case, readings)
         found, limits = _figures(case, measured)
@@ -283,7 +344,7 @@ def run_cases(cases: Sequence[Case], seed: int, quick: bool, progress: Progress)
         plots[f"wheel-grid{case.suffix.replace('_', '-')}"] = _plot(readings)
     first = cases[0].suffix
     text = f"""
-{len(poses(quick))} poses, camber and toe over ±3°, of {len(cases)} rigs ({", ".join(f"{c.rig} with tyre {c.tyre}: {c.plates} plates" for c in cases)}).
+{len(wanted)} poses, camber and toe over ±3°, of {len(cases)} rigs ({", ".join(f"{c.rig} with tyre {c.tyre}: {c.plates} plates" for c in cases)}).
 Every wheel is another tyre of its shape, displaced by up to ±8 mm and turned, with lettering, gloss and image
 noise. The zero is the spin axis of a master wheel, turned, from {ZERO_SHOTS} shots. Calibration from 7 rendered views of a plate with errors of ±0.01 mm, moved by a stage with ±0.01 mm.
 Largest error {max(figures[f"camber_max_abs_error_arcmin{first}"], figures[f"toe_max_abs_error_arcmin{first}"]):.4f}′, with the true cameras {figures[f"true_cameras_max_error_arcmin{first}"]:.4f}′.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -14,13 +12,14 @@ from alignment.values import MeasureSettings, RigCalibration, StereoImages, Whee
 from alignment.vehicle.axles import WheelAngles, vehicle_angles
 from alignment.wheel.spin import SpinMeasurement
 from tests import rendered
+from tests.once import once
 
 SETTINGS = MeasureSettings()
 VAGUE = 1e-4
 """Standard deviation of every camera parameter with which the calibration outweighs the noise."""
 
 
-@cache
+@once
 def shots() -> tuple[list[StereoImages], ...]:
     """Eight pictures of the wheel with noise of their own."""
     out = []

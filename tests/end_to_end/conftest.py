@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from station.cli import main
+from tests.once import folder_once
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 _channels = (f"end-to-end-{number}" for number in itertools.count())
@@ -48,14 +49,17 @@ def truewheel(capfd: pytest.CaptureFixture[str]) -> Truewheel:
     return call
 
 
-@pytest.fixture(scope="session")
-def rendered_wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("rendered") / "wheel"
-    arguments = f"simulate wheel --camber 1.2 --toe -0.4 --seed 5 --offset 3 -2 4 --spin 40 --out {folder}"
+@folder_once
+def simulated(folder: Path, what: str) -> None:
+    """What `truewheel simulate` makes of these words."""
     with pytest.raises(SystemExit) as ended:
-        main(arguments.split())
+        main(["simulate", *what.split(), "--out", str(folder / "made")])
     assert ended.value.code in (0, None)
-    return folder
+
+
+@pytest.fixture(scope="session")
+def rendered_wheel() -> Path:
+    return simulated("wheel --camber 1.2 --toe -0.4 --seed 5 --offset 3 -2 4 --spin 40") / "made"
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ def test_bench_prints_its_figures_and_says_by_its_status_whether_goals_are_met(
 ) -> None:
     monkeypatch.setattr(benchmark, "MOST_MS", 0.0)
     with pytest.raises(SystemExit) as end:
-        main(["bench", "--repeats", "3", "--json"])
+        main(["bench", "--repeats", "1", "--warm-up", "0", "--json"])
     assert end.value.code == 1
     printed = json.loads(capsys.readouterr().out)
     figures = printed["figures"]

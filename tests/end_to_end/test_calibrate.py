@@ -10,8 +10,7 @@ import pytest
 
 from sensors.formats import read_calibration, read_image, write_image
 from sensors.formats.calibration_input import read_calibration_input
-from station.cli import main
-from tests.end_to_end.conftest import Truewheel
+from tests.end_to_end.conftest import Truewheel, simulated
 
 KEYS = {
     "outcome",
@@ -25,12 +24,8 @@ SEED = 5  # of the rendered wheel too, so that the same rig took both
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("calibrate") / "session"
-    with pytest.raises(SystemExit) as ended:
-        main(["simulate", "plate-session", "--out", str(folder), "--seed", str(SEED), "--views", "4"])
-    assert ended.value.code in (0, None)
-    return folder
+def session() -> Path:
+    return simulated(f"plate-session --seed {SEED} --views 4") / "made"
 
 
 def test_a_wheel_measured_with_a_found_calibration_is_as_with_the_true_one(

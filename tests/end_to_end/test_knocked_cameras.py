@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelScene, draw_pose, draw_scene
 from station.studies.knocked import KINDS, KnockKind, knocked, plate_covariance
 from tests.assertions import ARCMIN
+from tests.once import once
 
 SPEC = RIG_SPECS["standard"]
 SETTINGS = MeasureSettings()
@@ -29,22 +31,38 @@ TURNS = [kind for kind in KINDS if kind.turns and not kind.whole_head]
 RISE = KnockKind(whole_head=True, turns=False, axis=2)
 
 
-@pytest.fixture(scope="module")
-def rig() -> RigCalibration:
+@once
+def known_rig() -> RigCalibration:
     """True cameras with the covariance that a calibration from the plate states."""
     true = build_rig(SPEC, "rig", "left", np.random.default_rng(15))
     return replace(true, covariance=plate_covariance(true, np.random.default_rng(16)))
 
 
-@pytest.fixture(scope="module")
-def scene(rig: RigCalibration) -> WheelScene:
+@cache
+def wheel_scene() -> WheelScene:
     rng = np.random.default_rng(17)
-    return draw_scene(SPEC, rig.side, draw_pose(rng, math.radians(0.9), math.radians(-0.5)), rng, seed=17)
+    pose = draw_pose(rng, math.radians(0.9), math.radians(-0.5))
+    return draw_scene(SPEC, known_rig().side, pose, rng, seed=17)
+
+
+@once
+def rendered_images() -> list[StereoImages]:
+    return list(simulate_shot(wheel_scene(), known_rig(), np.random.default_rng(18)).images)
 
 
 @pytest.fixture(scope="module")
-def images(rig: RigCalibration, scene: WheelScene) -> list[StereoImages]:
-    return list(simulate_shot(scene, rig, np.random.default_rng(18)).images)
+def rig() -> RigCalibration:
+    return known_rig()
+
+
+@pytest.fixture(scope="module")
+def scene() -> WheelScene:
+    return wheel_scene()
+
+
+@pytest.fixture(scope="module")
+def images() -> list[StereoImages]:
+    return rendered_images()
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.studies.covariance import measured_angles
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from tests.once import once
 
 KNOCK = np.array([1.2e-3, -0.3e-3, 0.8e-3])
 POSE = ("rx", "ry", "rz", "cx_mm", "cy_mm", "cz_mm")
@@ -38,7 +39,7 @@ def true_rig() -> RigCalibration:
     return build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1))
 
 
-@cache
+@once
 def calibrated() -> RigCalibration:
     """The rig as a plate session found it."""
     true = true_rig()
@@ -152,7 +153,7 @@ def test_a_refocused_camera_gets_its_focal_length_when_asked() -> None:
 SHOTS = 3
 
 
-@cache
+@once
 def rendered() -> tuple[tuple[StereoImages, ...], ...]:
     """Ordinary wheels as the true cameras see them."""
     rng = np.random.default_rng(4)

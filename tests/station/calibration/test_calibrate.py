@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,8 +11,7 @@ import pytest
 from alignment.calibration.gate import ARCMIN, CalibrationProblem, GateLimits
 from alignment.calibration.observations import CameraKey
 from alignment.values import Image, RigCalibration
-from sensors.formats import PlateSession, SessionView, read_plate
-from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
+from sensors.formats import PlateSession, SessionView
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.calibration.calibrate import (
     Calibrated,
@@ -22,27 +20,21 @@ from station.calibration.calibrate import (
     calibrate_session,
     calibration_id,
 )
+from tests.station.calibrations import plate_session, true_rig
 
 NOW = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
-PLATE = Path(__file__).parents[3] / "configs" / "plates" / "rig.toml"
-POSITIONS = (
-    PlatePosition("low", (0.0, 0.0, -30.0)),
-    PlatePosition("middle", (7.5, -7.5, 0.0)),
-    PlatePosition("high", (-7.5, 0.0, 30.0)),
-)
 QUICK = CalibrateSettings(model="brown5")
 ONE: CameraKey = ("head_2", "right")
 
 
 @pytest.fixture(scope="module")
 def rig() -> RigCalibration:
-    return build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1))
+    return true_rig()
 
 
 @pytest.fixture(scope="module")
-def session(rig: RigCalibration) -> PlateSession:
-    spec = PlateSessionSpec(positions=POSITIONS)
-    return simulate_plate_session(spec, read_plate(PLATE), rig, np.random.default_rng(2))[0]
+def session() -> PlateSession:
+    return plate_session()
 
 
 def run(session: PlateSession, settings: CalibrateSettings = QUICK) -> Calibrated:

@@ -26,9 +26,8 @@ from alignment.values import (
 )
 from db.records import CheckKind, CheckOutcome
 from db.store import ResultStore
-from sensors.formats import CalibrationFile, read_calibration_file, read_plate, write_calibration
+from sensors.formats import CalibrationFile, read_calibration_file, write_calibration
 from sensors.formats.plate_session import write_plate_session
-from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
 from station.calibration.check import (
     CheckLimits,
     MasterWheel,
@@ -38,10 +37,9 @@ from station.calibration.check import (
 )
 from station.cli import main
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
-from tests.station.calibrations import true_rig
+from tests.station.calibrations import plate_session, true_rig
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
-PLATE = Path(__file__).parents[3] / "configs" / "plates" / "rig.toml"
 ARCMIN = math.pi / 10800.0
 
 
@@ -64,10 +62,8 @@ def knocked(calibration: RigCalibration) -> RigCalibration:
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One view of the plate by `true_rig`."""
-    spec = PlateSessionSpec(positions=(PlatePosition("z0"),))
-    images, _ = simulate_plate_session(
-        spec, read_plate(PLATE), true_rig(), np.random.default_rng(3), seed=3, time_utc=NOON
-    )
+    whole = plate_session()
+    images = replace(whole, time_utc=NOON, views=tuple(v for v in whole.views if v.name == "middle"))
     folder = tmp_path_factory.mktemp("check") / "session"
     write_plate_session(folder, images)
     return folder

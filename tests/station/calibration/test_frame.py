@@ -22,6 +22,7 @@ from sensors.formats import (
     write_image,
 )
 from station.cli import main
+from tests.once import folder_once
 
 ROOT = Path(__file__).parents[3]
 ARCMIN = math.pi / 10800.0
@@ -34,21 +35,24 @@ def run(*arguments: object) -> int:
     return int(ended.value.code or 0)
 
 
-@pytest.fixture(scope="module")
-def frame(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A gauge frame with the plates of the front rigs alone."""
-    folder = tmp_path_factory.mktemp("frame")
+@folder_once
+def gauge(folder: Path) -> None:
+    """A gauge frame with the plates of the front rigs alone, and rendered views of it."""
     shutil.copy(ROOT / "configs" / "plates" / "rig.toml", folder)
     head, *plates = (ROOT / "configs" / "plates" / "gauge.toml").read_text().split("[[plates]]")
     (folder / "gauge.toml").write_text("[[plates]]".join([head, *plates[:2]]), encoding="utf-8")
-    return folder / "gauge.toml"
+    frame = folder / "gauge.toml"
+    assert run("simulate", "gauge-session", "--seed", 4, "--frame", frame, "--out", folder / "session") == 0
 
 
-@pytest.fixture(scope="module")
-def session(frame: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("gauge") / "session"
-    assert run("simulate", "gauge-session", "--seed", 4, "--frame", frame, "--out", folder) == 0
-    return folder
+@pytest.fixture
+def frame() -> Path:
+    return gauge() / "gauge.toml"
+
+
+@pytest.fixture
+def session() -> Path:
+    return gauge() / "session"
 
 
 @pytest.fixture

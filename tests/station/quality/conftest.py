@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from uuid import UUID
 
 import numpy as np
@@ -25,6 +26,7 @@ from db.records import (
 from db.store import ResultStore
 from station.cli import main
 from tests.db.example_records import cycle, refused_wheel, wheel
+from tests.once import folder_once
 
 START = datetime(2026, 10, 1, 4, tzinfo=UTC)
 STATIONS = ("Halle Süd", "Halle Nord")
@@ -41,12 +43,16 @@ def _calibration(station: int, rig: str, number: int) -> CalibrationRecord:
     )
 
 
+@folder_once
+def folder_of_month(folder: Path) -> None:
+    """With the database `results.db`."""
+    write_month(f"sqlite:///{folder / 'results.db'}")
+
+
 @pytest.fixture(scope="session")
-def month(tmp_path_factory: pytest.TempPathFactory) -> str:
+def month() -> str:
     """URL of the database; tests only read it."""
-    url = f"sqlite:///{tmp_path_factory.mktemp('month') / 'results.db'}"
-    write_month(url)
-    return url
+    return f"sqlite:///{folder_of_month() / 'results.db'}"
 
 
 def write_month(url: str) -> None:

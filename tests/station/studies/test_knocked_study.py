@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pytest
 
 from alignment.values import StereoImages
 from sensors.simulation.scene import WheelScene
@@ -35,16 +34,14 @@ def test_knocks_of_every_kind_are_told_and_intact_rigs_are_not() -> None:
     assert result.plots
 
 
-def test_mixtures_are_thirty_and_no_two_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mixtures_are_thirty_and_no_two_alike() -> None:
     calls: list[WheelScene] = []
 
     def pictures(_: object, scene: WheelScene, rng: np.random.Generator) -> list[StereoImages]:
         calls.append(scene)
         return [StereoImages(*rng.integers(0, 256, (2, 64, 64), dtype=np.uint8)) for _ in range(3)]
 
-    monkeypatch.setattr(mixtures, "lights", lambda *_: None)
-    monkeypatch.setattr(mixtures, "exposed", pictures)
-    scene, mixed = mixtures.mixtures(study_rig("standard", 1), 1)
+    scene, mixed = mixtures.mixtures(study_rig("standard", 1), 1, pictures)
     assert scene is calls[0]
     assert len({each.name for each in mixed}) == len(mixed) == 30
     shown = {b"".join(p.left.tobytes() + p.right.tobytes() for p in each.images) for each in mixed}

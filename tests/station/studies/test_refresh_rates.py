@@ -9,7 +9,6 @@ import pytest
 
 from alignment.calibration.refresh import Refreshed
 from alignment.errors import DegenerateInputError
-from station.studies import refresh_rates as study
 from station.studies.refresh import ARCMIN, angle_errors
 from station.studies.refresh_rates import KNOCKS, Knock, judged, knocked, scored
 from tests.station.calibrations import adjusted, true_rig
@@ -79,16 +78,14 @@ def test_a_knocked_head_keeps_its_cameras_to_one_another_and_a_knocked_camera_do
     assert knocked(true, Knock(), np.random.default_rng(2)) is true
 
 
-def test_a_miss_is_an_error_beyond_what_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_miss_is_an_error_beyond_what_is_stated() -> None:
     _, calibration = adjusted()
     now = knocked(calibration, Knock("camera", "turn", "y", 5.0), np.random.default_rng(2))
     error = float(np.abs(angle_errors(now, true_rig())).max())
-    monkeypatch.setattr(study, "sightings", lambda *_: None)
 
     def said(unseen: float) -> Any:
         silent = Refreshed((), None, None, np.zeros(2), 0.0, 3, now, 0.5, unseen=np.array([0.0, unseen]))
-        monkeypatch.setattr(study, "refresh_from", lambda *_: silent)
-        return judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0))
+        return judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0), lambda *_: silent)
 
     assert error > ARCMIN
     assert (said(0.0)["missed"], said(0.0)["beyond_unseen"]) == (1, 1)
@@ -97,14 +94,11 @@ def test_a_miss_is_an_error_beyond_what_is_stated(monkeypatch: pytest.MonkeyPatc
     def refuse(*_: object) -> Refreshed:
         raise DegenerateInputError(field="shots", expected="one", seen="two")
 
-    monkeypatch.setattr(study, "refresh_from", refuse)
-    told = judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0))
+    told = judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0), refuse)
     assert (told["said"], told["missed"]) == ("plate", 0)
 
 
-def test_a_calibration_with_its_own_errors_is_no_miss(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calibration_with_its_own_errors_is_no_miss() -> None:
     _, calibration = adjusted()
-    monkeypatch.setattr(study, "sightings", lambda *_: None)
     silent = Refreshed((), None, None, np.zeros(2), 0.0, 3, calibration, 0.5, unseen=np.zeros(2))
-    monkeypatch.setattr(study, "refresh_from", lambda *_: silent)
-    assert judged((), calibration, true_rig(), Knock())["missed"] == 0
+    assert judged((), calibration, true_rig(), Knock(), lambda *_: silent)["missed"] == 0

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from alignment.calibration.refresh import Moved, Refreshed
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
@@ -19,21 +17,15 @@ def silent(done: float, doing: str) -> None:
     assert doing
 
 
-@pytest.fixture
-def without_images(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "draw_scene", lambda *scene: None)
-    monkeypatch.setattr(study, "simulate_shot", lambda *shot: SimpleNamespace(images=()))
+def no_picture(now: RigCalibration, rng: np.random.Generator) -> tuple[StereoImages, ...]:
+    return ()
 
 
-@pytest.mark.usefixtures("without_images")
-def test_a_refresh_that_finds_the_camera_and_its_pose_meets_the_goals(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    drawn = []
-    real = study.knocked_rig
+def test_a_refresh_that_finds_the_camera_and_its_pose_meets_the_goals() -> None:
+    drawn: list[study.KnockedRig] = []
 
-    def knocked_rig(rng: np.random.Generator):  # type: ignore[no-untyped-def]
-        drawn.append(real(rng))
+    def knocked_rig(rng: np.random.Generator) -> study.KnockedRig:
+        drawn.append(study.knocked_rig(rng))
         return drawn[-1]
 
     def refresh(
@@ -45,9 +37,15 @@ def test_a_refresh_that_finds_the_camera_and_its_pose_meets_the_goals(
         moved = Moved(camera, np.zeros(6), 0.0, 1.0)
         return Refreshed((), moved, None, np.zeros(2), 0.0, 3, replace(now, covariance=known.covariance))
 
-    monkeypatch.setattr(study, "knocked_rig", knocked_rig)
-    monkeypatch.setattr(study, "refresh", refresh)
-    result = study.run(3, True, silent)
+    result = study.run_rigs(
+        study.QUICK_RIGS,
+        study.QUICK_SHOTS,
+        3,
+        silent,
+        knock=knocked_rig,
+        picture=no_picture,
+        estimate=refresh,
+    )
     assert not result.missed
     assert result.figures["cameras_found"] == 1.0
     assert result.figures["before_rms_arcmin"] > 0.5
@@ -55,13 +53,14 @@ def test_a_refresh_that_finds_the_camera_and_its_pose_meets_the_goals(
     assert {row["camera"] for row in result.rows} == {" ".join(camera) for _, _, camera in drawn}
 
 
-@pytest.mark.usefixtures("without_images")
-def test_a_refresh_that_finds_nothing_misses_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        study,
-        "refresh",
-        lambda shots, known, settings: Refreshed((), None, None, np.zeros(2), 0.0, 0, known),
+def test_a_refresh_that_finds_nothing_misses_them() -> None:
+    def refresh(
+        shots: Sequence[Sequence[StereoImages]], known: RigCalibration, settings: MeasureSettings
+    ) -> Refreshed:
+        return Refreshed((), None, None, np.zeros(2), 0.0, 0, known)
+
+    result = study.run_rigs(
+        study.QUICK_RIGS, study.QUICK_SHOTS, 3, silent, picture=no_picture, estimate=refresh
     )
-    result = study.run(3, True, silent)
     assert {goal.figure for goal in result.missed} >= {"cameras_found", "along_over_predicted"}
     assert result.figures["cameras_found"] == 0.0

@@ -48,7 +48,7 @@ def test_parallel_head() -> None:
     assert found["own_plain"].largest < 350.0
 
 
-def test_parallel_head_reports_failed_calibrations(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parallel_head_reports_failed_calibrations() -> None:
     rng = np.random.default_rng(1)
 
     def errors_of_head(_: np.random.Generator) -> dict[str, parallel_head.HeadErrors]:
@@ -56,8 +56,7 @@ def test_parallel_head_reports_failed_calibrations(monkeypatch: pytest.MonkeyPat
         drawn = {name: size * rng.normal(size=(100, 3)) for name, size in sizes.items()}
         return {name: parallel_head.HeadErrors(e[:25], e) for name, e in drawn.items()}
 
-    monkeypatch.setattr(parallel_head, "errors_of_head", errors_of_head)
-    result = parallel_head.STUDY.run(0, True, silent)
+    result = parallel_head.run_heads(2, 0, silent, errors_of_head)
     assert result.figures["lenz_without_result"] == 2
     assert [goal.figure for goal in result.missed] == ["lines_better_than_the_one_before"]
 
@@ -73,12 +72,9 @@ def test_correction_of_the_printed_errors() -> None:
     assert_goals_met(correction.STUDY.run(0, True, silent))
 
 
-def test_correction_without_the_table_says_where_to_put_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(correction, "PLACES", (tmp_path,))
+def test_correction_without_the_table_says_where_to_put_it(tmp_path: Path) -> None:
     with pytest.raises(correction.ConfigurationError, match="current folder"):
-        correction.STUDY.run(0, True, silent)
+        correction.run_table((tmp_path,), True, silent)
     (tmp_path / correction.FILE).write_text("x,y,ex\n0,0,1\n", encoding="utf-8")
     with pytest.raises(correction.ConfigurationError, match="3 columns"):
-        correction.STUDY.run(0, True, silent)
+        correction.run_table((tmp_path,), True, silent)

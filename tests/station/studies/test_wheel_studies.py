@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
 
-from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
+from alignment.measure import measure_wheel
+from alignment.values import (
+    MeasureSettings,
+    Refusal,
+    RefusalCode,
+    RigCalibration,
+    StereoImages,
+    WheelMeasurement,
+)
+from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Row
 from station.studies import degraded, efficiency, repeatability, wheel_grid
 from station.studies.coverage import drawn
 from station.studies.degraded import degraded_shot, row_of, summarise
 from station.studies.wheels import StudyRig, calibrate_from_plate, study_rig
+from tests.once import once
 
 
 def silent(done: float, doing: str) -> None:
@@ -26,29 +35,33 @@ def rig() -> StudyRig:
     return study_rig("ccir", 3)
 
 
+@once
+def calibrated() -> RigCalibration:
+    return calibrate_from_plate(study_rig("ccir", 3), 3, views=5)
+
+
 @pytest.fixture(scope="module")
-def calibration(rig: StudyRig) -> RigCalibration:
-    return calibrate_from_plate(rig, 3, views=5)
+def calibration() -> RigCalibration:
+    return calibrated()
 
 
 def test_wheel_grid_of_three_poses_with_a_calibration_from_a_plate(
-    rig: StudyRig, calibration: RigCalibration, monkeypatch: pytest.MonkeyPatch
+    rig: StudyRig, calibration: RigCalibration
 ) -> None:
-    monkeypatch.setattr(wheel_grid, "poses", lambda quick: [(0.0, 0.0), (-3.0, 3.0), (3.0, -1.5)])
-    monkeypatch.setattr(wheel_grid, "calibrate_from_plate", lambda *_: calibration)
-    monkeypatch.setattr(wheel_grid, "study_rig", lambda *_: rig)
-    result = wheel_grid.run(3, True, silent)
-    assert result.figures["camber_max_abs_error_arcmin"] <= 0.08
-    assert result.figures["toe_max_abs_error_arcmin"] <= 0.08
-    assert result.figures["true_cameras_max_error_arcmin"] <= 0.03
-    assert result.figures["ridges_max_error_arcmin"] > 0.1
+    known = wheel_grid.CalibratedRig(rig, {"1": calibration})
+    poses = [(0.0, 0.0), (-3.0, 3.0), (3.0, -1.5)]
+    case = wheel_grid.Case("ccir", "touring", 1)
+    result = wheel_grid.run_cases([case], 4, poses, silent, lambda *_: known)
+    assert result.figures["camber_max_abs_error_arcmin_ccir_touring"] <= 0.08
+    assert result.figures["toe_max_abs_error_arcmin_ccir_touring"] <= 0.08
+    assert result.figures["true_cameras_max_error_arcmin_ccir_touring"] <= 0.03
+    assert result.figures["ridges_max_error_arcmin_ccir_touring"] > 0.1
     assert {row["calibration"] for row in result.rows} == {"plate 1", "true cameras", "ridges"}
-    assert "wheel-grid" in result.plots
+    assert "wheel-grid-ccir-touring" in result.plots
 
 
-def test_repeatability_of_two_shots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(repeatability, "QUICK_REPEATS", 2)
-    result = repeatability.run(1, True, silent)
+def test_repeatability_of_two_shots() -> None:
+    result = repeatability.run_repeats(2, 1, silent)
     assert result.figures["camber_standard_deviation_arcmin"] < 0.04
     assert result.figures["toe_standard_deviation_arcmin"] < 0.04
     assert len(result.rows) == 2
@@ -76,7 +89,7 @@ def test_cameras_are_drawn_with_the_covariance_that_is_stated(calibration: RigCa
 
 def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
     rng = np.random.default_rng(4)
-    plain = wheel_grid.draw_scene(rig.spec, rig.side, wheel_grid.draw_pose(rng, 0.0, 0.0), rng)
+    plain = draw_scene(rig.spec, rig.side, draw_pose(rng, 0.0, 0.0), rng)
     for disturb, _ in degraded.KINDS.values():
         setting = disturb(rig, plain, rng)
         changed = setting.scene is not plain or setting.cameras is not rig.true or setting.swapped is not None
@@ -115,20 +128,16 @@ def test_an_accepted_error_of_more_than_an_arcminute_misses_the_goal() -> None:
 
 
 def test_method_of_the_ridges_may_refuse_without_ending_the_grid(
-    rig: StudyRig, calibration: RigCalibration, monkeypatch: pytest.MonkeyPatch
+    rig: StudyRig, calibration: RigCalibration
 ) -> None:
-    real = wheel_grid.measure_wheel
-
-    def measure(images: object, cameras: object, settings: MeasureSettings) -> object:
+    def measure(
+        images: Sequence[StereoImages], cameras: RigCalibration, settings: MeasureSettings
+    ) -> WheelMeasurement | Refusal:
         if settings.method == "ridges":
             return Refusal(RefusalCode.TOO_FEW_POINTS, "no ridge")
-        return real(images, cameras, settings)  # type: ignore[arg-type]
+        return measure_wheel(images, cameras, settings)
 
-    monkeypatch.setattr(wheel_grid, "measure_wheel", measure)
-    monkeypatch.setattr(wheel_grid, "measure_zeros", lambda *_: {"1": (0.0, 0.0)})
-    monkeypatch.setattr(wheel_grid, "poses", lambda quick: [(0.0, 0.0)])
-    monkeypatch.setattr(wheel_grid, "calibrate_from_plate", lambda *_: replace(calibration))
-    monkeypatch.setattr(wheel_grid, "study_rig", lambda *_: rig)
-    case = wheel_grid.Case("standard", "touring", 1)
-    readings = wheel_grid.measure_case(case, 3, True, silent).readings
+    case = wheel_grid.Case("ccir", "touring", 1)
+    known = wheel_grid.CalibratedRig(rig, {"1": calibration})
+    readings = wheel_grid.measure_poses(case, known, 3, [(0.0, 0.0)], silent, measure)
     assert {reading.by for reading in readings} == {"1", wheel_grid.TRUE}
