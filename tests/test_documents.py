@@ -81,6 +81,10 @@ RUN_ELSEWHERE = {
     ("docs/line-interface.md", "iecst"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/database.md", "sql"): (2, "tests/db/connection/test_access.py"),
+    ("docs/how-to/add-a-calibration-method.md", "python"): (
+        3,
+        "tests/alignment/calibration/test_method_page.py",
+    ),
     ("docs/how-to/add-a-camera.md", "python"): (2, "tests/end_to_end/test_camera_plugin.py"),
     ("docs/how-to/add-a-camera.md", "toml"): (2, "tests/end_to_end/test_camera_plugin.py"),
 }

@@ -18,4 +18,4 @@ ONE_CAMERA_METHODS: dict[str, OneCameraMethod] = {
     "tsai_radial": calibrate_tsai_radial,
     "two_system": calibrate_two_system,
 }
-"""By the names that studies and the command line use."""
+"""By name; what stands here is taken by the tests that every method must pass."""
