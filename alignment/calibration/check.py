@@ -10,12 +10,13 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.calibration.contour import contour_shift
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations
+from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.prediction import NominalWheel, angle_sensitivity, camera_derivatives
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations
 from alignment.values import RigCalibration
 
 _POSE = 6

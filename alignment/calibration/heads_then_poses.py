@@ -12,10 +12,11 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations
 from alignment.stereo.triangulation import triangulate
 
 _LEAST_MARKS = 8

@@ -10,7 +10,7 @@ import numpy as np
 from alignment.arrays import Array, Mask
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, minimise, solve
 from alignment.calibration.equations import prior_cost
-from alignment.calibration.observations import CalibrationInput, MarkObservations
+from alignment.calibration.observations import CalibrationInput
 from alignment.calibration.problem import (
     MODELS,
     Problem,
@@ -22,6 +22,7 @@ from alignment.calibration.problem import (
 from alignment.calibration.start import Start, start_values, with_model
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations
 
 _FEWEST_VIEWS = 5  # below it, marks are left out instead of views
 _MARK_FOLDS = 5

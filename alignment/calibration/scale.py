@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
-from alignment.calibration.observations import CalibrationInput, Plate
+from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
+from alignment.imaging.plate import Plate
 
 _SIGMAS = 4.0
 _LEAST = 5e-4  # of an angle of 2° that is 0.06′, as much as a calibration may cost

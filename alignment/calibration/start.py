@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from alignment.calibration.faugeras import calibrate_faugeras
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, Plate
+from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.planar import calibrate_planar, pose_of_plane
 from alignment.calibration.problem import MODELS
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.projective import fit_homography
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations, Plate
 
 _LEAST_MARKS = 8
 _FLAT = 0.01

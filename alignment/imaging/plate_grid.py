@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array, Index, Mask
-from alignment.calibration.observations import MarkObservations, Plate
 from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
 from alignment.imaging.mark_grid import FEWEST, Grid, fit_homography, map_points, walk_grid
 from alignment.imaging.mark_location import locate_marks
 from alignment.imaging.marks import Marks
+from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import Image
 
 _BLURRED = 0.4  # blur over radius

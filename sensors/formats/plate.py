@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.arrays import Array, Index, Mask
-from alignment.calibration.observations import Plate
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
+from alignment.imaging.plate import Plate
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 

@@ -23,9 +23,10 @@ from alignment.calibration.gate import (
 )
 from alignment.calibration.heads_then_poses import heads_then_poses
 from alignment.calibration.model_choice import ModelChoice, choose_model
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.start import Start, start_values
 from alignment.errors import DegenerateInputError
+from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import PlateRefusal, observe_plate
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.formats import PlateSession

@@ -11,18 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array, Index
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
-from alignment.calibration.observations import (
-    CalibrationInput,
-    CameraKey,
-    MarkObservations,
-    PlateView,
-)
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.one_camera import Known, OneCameraMethod
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.mark_detection import find_marks
 from alignment.imaging.mark_location import locate_marks
+from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import PlateRefusal, identify_marks
 from alignment.stereo.triangulation import triangulate
 from alignment.values import HeadCalibration, RigCalibration, nominal_vehicle_from_rig

@@ -16,12 +16,11 @@ from alignment.calibration.observations import (
     STAGE_SIGMA_MM,
     CalibrationInput,
     CameraKey,
-    MarkObservations,
-    Plate,
     PlateView,
 )
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import RigCalibration
 
 STAGES: tuple[tuple[float, float, float], ...] = (

@@ -6,12 +6,13 @@ import pytest
 
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
 from alignment.calibration.equations import linearise
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, Plate, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.problem import MODELS, Priors, advanced, build_problem, initial_state
 from alignment.calibration.start import start_values
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.simulated_views import (

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from alignment.calibration.check import check_with_plate
-from alignment.calibration.observations import MarkObservations
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations
 from alignment.values import HeadCalibration, RigCalibration
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles

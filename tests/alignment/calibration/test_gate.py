@@ -14,9 +14,10 @@ from alignment.calibration.gate import (
     judge_failure,
     judge_input,
 )
-from alignment.calibration.observations import CalibrationInput, CameraKey, MarkObservations, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
+from alignment.imaging.plate import MarkObservations
 from alignment.values import nominal_vehicle_from_rig
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate

@@ -11,9 +11,10 @@ import pytest
 
 from alignment.calibration.adjustment import Adjustment
 from alignment.calibration.gate import CalibrationProblem, camera_figures, judge, judge_input
-from alignment.calibration.observations import CalibrationInput, MarkObservations
+from alignment.calibration.observations import CalibrationInput
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations
 from tests.assertions import ARCMIN
 from tests.station.calibrations import adjusted
 

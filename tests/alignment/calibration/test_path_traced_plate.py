@@ -7,7 +7,8 @@ import pytest
 
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
 from alignment.calibration.gate import judge
-from alignment.calibration.observations import CalibrationInput, MarkObservations, PlateView
+from alignment.calibration.observations import CalibrationInput, PlateView
+from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import observe_plate
 from alignment.measure import measure_wheel
 from alignment.values import MeasureSettings, RigCalibration, WheelMeasurement, nominal_vehicle_from_rig

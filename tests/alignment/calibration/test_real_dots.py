@@ -13,10 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
-from alignment.calibration.observations import CalibrationInput, MarkObservations, Plate, PlateView
+from alignment.calibration.observations import CalibrationInput, PlateView
 from alignment.calibration.planar import calibrate_planar
 from alignment.geometry.cameras import CameraModel
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import MarkObservations, Plate
 
 SIZE = (1920, 1080)
 PUBLISHED = {

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.arrays import Array
-from alignment.calibration.observations import Plate
+from alignment.imaging.plate import Plate
 from station.studies.rendered_marks import as_camera, render_plate
 
 SIZE = (640, 480)

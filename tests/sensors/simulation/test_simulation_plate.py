@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from alignment.calibration.observations import Plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.imaging.plate import Plate
 from sensors.formats import PlateDescription, read_plate, read_plate_session, write_plate_session
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate import PlateLight, PlateLook, covered, plate_image, plate_light
