@@ -1,4 +1,4 @@
-"""The square grid on which round marks lie, found from their own outlines; homographies of planes."""
+"""The square grid on which round marks lie, found from their own outlines."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from alignment.arrays import Array, Index
+from alignment.arrays import Index
+from alignment.imaging.mark_plane import PlaneView
 from alignment.imaging.marks import Marks, upper_factor
 
 FEWEST = 6  # marks that make a grid
 _STEP_TOLERANCE = 0.2  # of a step's length, between neighbours
 _ANGLE_TOLERANCE = math.radians(25.0)
 _SIZE_TOLERANCE = 1.6  # ratio of the areas of neighbours
-_PLACE_TOLERANCE = 0.15  # of the pitch, from where the homography puts a mark
+_PLACE_TOLERANCE = 0.15  # of the pitch, from where the view puts a mark
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,15 +124,13 @@ def _completed(marks: Marks, grid: Grid) -> Grid:
     rows, places = grid.rows, grid.places
     area = np.sqrt(np.linalg.det(marks.shape))
     for _ in range(4):
-        homography = fit_homography(places.astype(np.float64), marks.points[rows])
-        inside = map_points(_inverse(homography), marks.points)
-        nearest = np.rint(inside).astype(np.int64)
+        view = PlaneView.fit(places.astype(np.float64), marks.points[rows], marks.size)
+        inside, expected = view.with_areas(marks.points)
+        nearest = np.rint(np.nan_to_num(inside, nan=0.5)).astype(np.int64)
         on_grid = np.hypot(*(inside - nearest).T) < _PLACE_TOLERANCE
-        # The area that the homography gives a mark of the common size, up to a constant.
-        expected = _areas(homography, nearest.astype(np.float64))
+        # The area that the view gives a mark of the common size, up to a constant.
         usual = float(np.median(area[rows] / expected[rows]))
         on_grid &= np.abs(np.log(area / expected / usual)) < math.log(_SIZE_TOLERANCE)
-        on_grid &= np.isfinite(inside).all(axis=1)
         found = np.flatnonzero(on_grid)
         # Of two marks on one place the nearer one stays.
         order = found[np.argsort(np.hypot(*(inside - nearest)[found].T), kind="stable")]
@@ -144,54 +143,3 @@ def _completed(marks: Marks, grid: Grid) -> Grid:
         if same:
             break
     return Grid(rows, places)
-
-
-def _inverse(matrix: Array) -> Array:
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-
-
-def _areas(homography: Array, places: Array) -> Array:
-    """Determinant of the homography's derivative at places (N, 2)."""
-    w = places @ homography[2, :2] + homography[2, 2]
-    result: Array = np.maximum(np.abs(np.linalg.det(homography) / w**3), 1e-12)
-    return result
-
-
-def fit_homography(plane: Array, pixels: Array) -> Array:
-    """Homography (3, 3) from points of a plane (N, 2) to pixels (N, 2), N ≥ 4, all points with equal weight.
-
-    Direct linear transformation in normalised coordinates (Hartley), once repeated with the weights that make
-    its residuals pixels.
-    """
-    a, normal_a = _normalised(plane)
-    b, normal_b = _normalised(pixels)
-    weight = np.ones(len(a))
-    for _ in range(2):
-        x, y, u, v = *a.T, *b.T
-        zero, one = np.zeros_like(x), np.ones_like(x)
-        design = np.concatenate(
-            [
-                weight[:, None] * np.column_stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u]),
-                weight[:, None] * np.column_stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v]),
-            ]
-        )
-        h = np.linalg.svd(design, full_matrices=False)[2][-1].reshape(3, 3)
-        weight = 1.0 / np.maximum(np.abs(a @ h[2, :2] + h[2, 2]), 1e-9)
-        weight /= weight.max()
-    result: Array = np.linalg.inv(normal_b) @ h @ normal_a
-    return result / np.linalg.norm(result)
-
-
-def _normalised(points: Array) -> tuple[Array, Array]:
-    mean = points.mean(axis=0)
-    scale = math.sqrt(2.0) / max(float(np.sqrt(((points - mean) ** 2).sum(axis=1).mean())), 1e-12)
-    matrix = np.array([[scale, 0.0, -scale * mean[0]], [0.0, scale, -scale * mean[1]], [0.0, 0.0, 1.0]])
-    return (points - mean) * scale, matrix
-
-
-def map_points(homography: Array, points: Array) -> Array:
-    """Images (N, 2) of points (N, 2)."""
-    image = points @ homography[:, :2].T + homography[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = image[:, :2] / image[:, 2:]
-    return result

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from alignment.arrays import Array, Index, Mask
+from alignment.arrays import Index, Mask
 from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_grid import FEWEST, Grid, fit_homography, map_points, walk_grid
+from alignment.imaging.mark_grid import FEWEST, Grid, walk_grid
 from alignment.imaging.mark_location import locate_marks
+from alignment.imaging.mark_plane import PlaneView, fit_homography
 from alignment.imaging.marks import Marks
 from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import Image
@@ -144,7 +145,9 @@ def identify_marks(
     known = np.flatnonzero(place >= 0)
     rows, seen = grid.rows[known], place[known]
     homography = fit_homography(plate.points[seen, :2], marks.points[rows])
-    missing = _missing(homography, plate, marks, seen)
+    missing = _missing(
+        PlaneView.fit(plate.points[seen, :2], marks.points[rows], marks.size), plate, marks, seen
+    )
     if missing is not None:
         return missing
     pixels = marks.points[rows]
@@ -331,13 +334,13 @@ def _bad_exposure(marks: Marks, plate: Plate) -> PlateRefusal | None:
     )
 
 
-def _missing(homography: Array, plate: Plate, marks: Marks, seen: Index) -> PlateRefusal | None:
+def _missing(view: PlaneView, plate: Plate, marks: Marks, seen: Index) -> PlateRefusal | None:
     """Refuse when many of the marks that ought to be in the image are not."""
     width, height = marks.size
-    pixels = map_points(homography, plate.points[:, :2])
-    w = plate.points[:, :2] @ homography[2, :2] + homography[2, 2]
+    pixels, shown = view.to_pixels(plate.points[:, :2])
+    w = view.depths(plate.points[:, :2])
     margin = 1.3 * float(np.median(marks.semi_axes[:, 1]))
-    inside = (np.sign(w) == np.sign(w[seen[0]])) & (pixels > margin).all(axis=1)
+    inside = shown & (np.sign(w) == np.sign(w[seen[0]])) & (pixels > margin).all(axis=1)
     inside &= (pixels < np.array([width, height]) - 1.0 - margin).all(axis=1)
     expected = int(inside.sum())
     found = int(inside[seen].sum())

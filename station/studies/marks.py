@@ -19,8 +19,8 @@ from alignment.arrays import Array
 from alignment.imaging.edges import OPERATORS
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_grid import fit_homography
 from alignment.imaging.mark_location import locate_marks
+from alignment.imaging.mark_plane import fit_homography
 from alignment.imaging.marks import RoughMarks
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image

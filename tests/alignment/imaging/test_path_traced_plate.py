@@ -9,7 +9,7 @@ import pytest
 
 from alignment.geometry.cameras import PosedCamera
 from alignment.imaging.mark_bias import camera_offsets, homography_offsets
-from alignment.imaging.mark_grid import fit_homography
+from alignment.imaging.mark_plane import fit_homography
 from alignment.imaging.plate import Plate
 from alignment.imaging.plate_grid import PlateRefusal, PlateRefusalCode, observe_plate
 from tests import path_traced

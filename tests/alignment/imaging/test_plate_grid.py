@@ -6,8 +6,9 @@ import pytest
 
 from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_grid import fit_homography, map_points, walk_grid
+from alignment.imaging.mark_grid import walk_grid
 from alignment.imaging.mark_location import locate_marks
+from alignment.imaging.mark_plane import fit_homography, map_points
 from alignment.imaging.marks import Marks
 from alignment.imaging.plate_grid import PlateRefusal, PlateRefusalCode, identify_marks, observe_plate
 from tests.alignment.imaging.plates import PITCH, RADIUS, photograph, plate, project, view
