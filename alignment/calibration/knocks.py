@@ -8,7 +8,7 @@ nominal wheel, once for each calibration.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,11 @@ class KnockModel:
     covariance: Array
     knocks: tuple[Knock, ...]
     row_weights: Array
+
+    @cached_property
+    def responses(self) -> Array:
+        """(10 H, 6 K) `Knock.signs` of all, side by side."""
+        return np.hstack([knock.signs for knock in self.knocks])
 
 
 @lru_cache(maxsize=16)

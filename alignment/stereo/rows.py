@@ -17,22 +17,16 @@ from numpy.typing import NDArray
 from alignment.imaging.lines import LightLines
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.rectification import Rectification, rectify
+from alignment.stereo.row_kernels import FEWEST, TERMS, cross_pairs, fit_fields, pair_figures
 from alignment.values import HeadCalibration
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-TERMS = 5
-"""Numbers of a row field: 1, u, v, u·v and v², u and v from −1 to 1 over the left image's width."""
+__all__ = ["TERMS", "RowFields", "RowView", "fitted_fields", "row_fields", "row_view"]
 
 _FARTHEST_ROW = 25.0  # pixels that a partner may be off its row; lines stand farther apart
 _FARTHEST_MM = 3.0  # from the wheel's surface
-_EVERY = 16  # of a head's matched points tells which lines belong together
-_FEWEST = 15  # pairs of crosses that make a field
-_ROUNDS = 3
-_TINY = 1e-9 * np.eye(TERMS)
-_TUKEY = 4.685
-_LEAST_SIGMA_PX = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +53,28 @@ class RowFields:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """(H,) whether a head has a field."""
-        return self.pairs >= _FEWEST
+        return self.pairs >= FEWEST
 
 
 @dataclass(frozen=True, eq=False)
 class RowView:
-    """How the rows of one head are looked at: rectification, focal length, origin and scale of places."""
+    """How the rows of one head are looked at.
+
+    Attributes
+    ----------
+    frame
+        The head in the normal case.
+    turns, packed
+        (2, 3, 3) rotations from camera to rectified axes, and the cameras packed, left and right.
+    focal
+        Focal length, pixels.
+    middle, half
+        Place (2,) that is the origin of a field, and the length of its unit, rectified.
+    """
 
     frame: Rectification
-    turns: tuple[Array, Array]
-    packed: tuple[Array, Array]
+    turns: Array
+    packed: Array
     focal: float
     middle: Array
     half: float
@@ -82,11 +88,10 @@ class RowView:
         centre = np.array([[0.5 * (left.model.width - 1), 0.5 * (left.model.height - 1)]])
         return cls(
             frame=frame,
-            turns=(
-                frame.rectified_from_rig @ left.rig_from_camera.rotation,
-                frame.rectified_from_rig @ right.rig_from_camera.rotation,
+            turns=np.array(
+                [frame.rectified_from_rig @ each.rig_from_camera.rotation for each in head.cameras]
             ),
-            packed=(left.model.packed(), right.model.packed()),
+            packed=np.array([each.model.packed() for each in head.cameras]),
             focal=focal,
             middle=frame.coordinates(left, centre)[0][0],
             half=0.5 * left.model.width / focal,
@@ -98,14 +103,6 @@ class RowView:
         rectify(np.ascontiguousarray(pixels), self.packed[side], self.turns[side], uv)
         return uv
 
-    def points(self, left: Array, right: Array) -> Array:
-        """(N, 3) points of pairs of rectified places (N, 2), rig frame; NaN for no disparity."""
-        disparity = left[:, 0] - right[:, 0]
-        depth = self.frame.baseline / np.where(disparity > 0.0, disparity, np.nan)
-        rays = np.column_stack([left, np.ones(len(left))])
-        out: Array = self.frame.origin + (rays * depth[:, None]) @ self.frame.rectified_from_rig
-        return out
-
     def terms(self, uv: Array) -> Array:
         """(N, 5) basis of the field at places (N, 2) of the left camera."""
         u, v = ((uv - self.middle) / self.half).T
@@ -116,6 +113,28 @@ class RowView:
 def row_view(head: HeadCalibration) -> RowView:
     """As `RowView.of`, computed once for each head."""
     return RowView.of(head)
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """Row views of a rig's heads, as the kernels want them."""
+
+    each: tuple[RowView, ...]
+    geometry: tuple[Array, Array, Array, Array, Array, Array]
+
+
+@lru_cache(maxsize=32)
+def _views(heads: tuple[HeadCalibration, ...]) -> _Views:
+    views = tuple(row_view(head) for head in heads)
+    geometry = (
+        np.array([view.frame.rectified_from_rig for view in views]),
+        np.array([view.frame.origin for view in views]),
+        np.array([view.frame.baseline for view in views]),
+        np.array([view.middle for view in views]),
+        np.array([view.half for view in views]),
+        np.array([view.focal for view in views]),
+    )
+    return _Views(views, geometry)
 
 
 def row_fields(
@@ -144,55 +163,21 @@ def row_fields(
         Heights (N,) above the wheel's surface of points (N, 3), rig frame, millimetres; crosses far from it
         are none of the wheel, or no pair.
     """
-    offsets = np.cumsum([0, *(len(candidates.points) for candidates in matched)])
-    places, differences = [], []
-    for k, (pair, candidates, head) in enumerate(zip(lines, matched, heads, strict=True)):
-        view = row_view(head)
-        partners = _line_partners(pair, candidates, np.flatnonzero(chosen[offsets[k] : offsets[k + 1]]))
-        left, right = _cross_partners(pair, partners, view)
-        near = np.abs(height(view.points(left, right))) < _FARTHEST_MM
-        left, right = left[near], right[near]
-        places.append(view.terms(left))
-        differences.append((left[:, 1] - right[:, 1]) * view.focal)
-    return fitted_fields(places, differences)
-
-
-def _line_partners(pair: tuple[LightLines, LightLines], candidates: Candidates, on_wheel: Index) -> Index:
-    """(L,) right line of each left line; −1 for none."""
-    left, right = pair
-    some = on_wheel[::_EVERY]
-    width = right.count
-    of_right = np.searchsorted(right.starts, candidates.right_point[some], side="right") - 1
-    votes = np.bincount(candidates.left_line[some] * width + of_right, minlength=left.count * width)
-    votes = votes.reshape(left.count, width)
-    best = votes.argmax(axis=1)
-    # Two lines that share a partner are pieces or a mistake: a clear majority is asked for.
-    clear = 2 * votes[np.arange(left.count), best] > votes.sum(axis=1)
-    return np.where(clear, best, -1).astype(np.int64)
-
-
-def _cross_partners(
-    pair: tuple[LightLines, LightLines], partners: Index, view: RowView
-) -> tuple[Array, Array]:
-    """Rectified places (N, 2) of corresponding crosses, left and right."""
-    of_left, of_right = pair[0].crosses, pair[1].crosses
-    column = int((partners[of_left.lines] >= 0).sum(axis=0).argmax()) if len(of_left.points) else 0
-    line = partners[of_left.lines[:, column]]
-    mine = line >= 0
-    left, line = view.seen(0, of_left.points[mine]), line[mine]
-    right, right_line = view.seen(1, of_right.points), of_right.lines[:, column]
-    # One axis on which lines stand far apart, and rows along each.
-    apart = 10.0
-    order = np.argsort(right_line * apart + right[:, 1])
-    key = (right_line * apart + right[:, 1])[order]
-    if not len(key) or not len(left):
-        return left[:0], right[:0]
-    wanted = line * apart + left[:, 1]
-    at = np.searchsorted(key, wanted)
-    below, above = np.maximum(at - 1, 0), np.minimum(at, len(key) - 1)
-    nearest = np.where(np.abs(key[below] - wanted) <= np.abs(key[above] - wanted), below, above)
-    near = np.abs(key[nearest] - wanted) < _FARTHEST_ROW / view.focal
-    return left[near], right[order[nearest[near]]]
+    views = _views(tuple(heads))
+    places = np.empty((sum(len(left.crosses.points) for left, _ in lines), 4))
+    bounds = np.zeros(len(heads) + 1, np.int64)
+    first = 0
+    for k, ((left, right), candidates, view) in enumerate(zip(lines, matched, views.each, strict=True)):
+        last = first + len(candidates.points)
+        bounds[k + 1] = cross_pairs(
+            left.starts, right.starts, left.crosses.points, left.crosses.lines,
+            right.crosses.points, right.crosses.lines, candidates.left_line, candidates.right_point,
+            chosen[first:last], view.packed, view.turns, _FARTHEST_ROW / view.focal, places, bounds[k],
+        )  # fmt: skip
+        first = last
+    points, terms, values = pair_figures(places, bounds, *views.geometry)
+    near = np.abs(height(points)) < _FARTHEST_MM
+    return RowFields(*fit_fields(terms, values, near, bounds))
 
 
 def fitted_fields(places: Sequence[Array], differences: Sequence[Array]) -> RowFields:
@@ -205,38 +190,6 @@ def fitted_fields(places: Sequence[Array], differences: Sequence[Array]) -> RowF
     differences
         (N,) of each head, pixels.
     """
-    heads, most = len(places), max(1, *(len(each) for each in differences))
-    terms, values, seen = np.zeros((heads, most, TERMS)), np.zeros((heads, most)), np.zeros((heads, most))
-    numbers = np.array([len(each) for each in differences], dtype=np.int64)
-    for k, n in enumerate(numbers):
-        if n >= _FEWEST:
-            terms[k, :n], values[k, :n], seen[k, :n] = places[k], differences[k], 1.0
-    middle = _medians(values, seen)[:, None]
-    rest = np.abs(values - middle)
-    scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
-    weight = seen * (rest <= 2.0 * _TUKEY * scale)
-    field: Array = np.zeros((heads, TERMS))
-    normal: Array = np.zeros((heads, TERMS, TERMS))
-    for _ in range(_ROUNDS):
-        weighted = (terms * weight[:, :, None]).transpose(0, 2, 1)
-        normal = weighted @ terms
-        field = np.asarray(
-            np.linalg.solve(normal + _TINY, weighted @ values[:, :, None])[:, :, 0], dtype=float
-        )
-        rest = np.abs(values - (terms @ field[:, :, None])[:, :, 0])
-        scale = np.maximum(1.4826 * _medians(rest, seen), _LEAST_SIGMA_PX)[:, None]
-        weight = seen * np.square(np.maximum(1.0 - np.square(rest / (_TUKEY * scale)), 0.0))
-    total = weight.sum(axis=1)
-    squares = (weight * np.square(values)).sum(axis=1)
-    rms = np.sqrt(np.divide(squares, total, out=np.full(heads, np.nan), where=total > 0.0))
-    # Five numbers were taken from few pairs, so that these seem quieter than they are.
-    freedom = np.maximum(1.0 - TERMS / np.maximum(numbers, TERMS + 1), 0.2)
-    return RowFields(numbers, rms, field, normal * (freedom[:, None] / np.square(scale))[:, :, None])
-
-
-def _medians(values: Array, seen: Array) -> Array:
-    """(H,) median over those of (H, N) values that are seen; 0 where none is."""
-    number = seen.sum(axis=1).astype(np.int64)
-    ordered = np.sort(np.where(seen > 0.0, values, np.inf), axis=1)
-    middle: Array = ordered[np.arange(len(values)), number // 2 - (number > 0) * (number % 2 == 0)]
-    return np.where(number > 0, middle, 0.0)
+    bounds = np.cumsum([0, *(len(each) for each in differences)])
+    values = np.concatenate(differences)
+    return RowFields(*fit_fields(np.concatenate(places), values, np.ones(len(values), np.bool_), bounds))

@@ -200,7 +200,7 @@ def nearest_candidates(heights: Array, group: Index, gate: float) -> Mask:
     Parameters
     ----------
     heights
-        (N,) distance of each candidate from the surface, millimetres.
+        (N,) distance of each candidate from the surface, millimetres; NaN, where there is none, is not near.
     group
         (N,) as in `plane_hypotheses`.
     gate

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.geometry.symmetric import pseudo_inverse
 from alignment.kernels import njit
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_kernels import pieces_of, slope_of_profile
@@ -105,6 +106,90 @@ def head_sums(head: Index, heads: int, weights: Array, residuals: Array) -> tupl
     return numbers, total, squares
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _condensed(
+    points: Array,
+    head: Index,
+    heads: int,
+    weights: Array,
+    residuals: Array,
+    centre: Array,
+    frame: Array,
+    start: float,
+    step: float,
+    profile: Array,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Sums and normal equations of all amounts, see `HeadMoves`."""
+    bounds = np.zeros(heads + 1, np.int64)
+    for i in range(head.size):
+        bounds[head[i] + 1] = i + 1
+    for h in range(heads):
+        bounds[h + 1] = max(bounds[h], bounds[h + 1])
+    square, right, rings, ring_right = _sums(
+        points, weights, residuals, bounds, centre, frame, start, step, profile
+    )
+    size = heads * MOVES
+    normal, target = np.zeros((size, size)), np.zeros(size)
+    # The mean of each ring is free: take its part off the sums.
+    of_ring = rings.reshape((rings.shape[0], size))
+    for r in range(rings.shape[0]):
+        total = pull = 0.0
+        for h in range(heads):
+            total += rings[r, h, 0]
+            pull += ring_right[r, h]
+        total = max(total, 1e-12)
+        row = of_ring[r]
+        for i in range(size):
+            share, mine = row[i] / total, normal[i]
+            target[i] -= share * pull
+            for j in range(size):
+                mine[j] -= share * row[j]
+    for h in range(heads):
+        for a in range(MOVES):
+            target[h * MOVES + a] += right[h, a]
+            for b in range(MOVES):
+                normal[h * MOVES + a, h * MOVES + b] += square[h, a, b]
+    return square, rings, ring_right, normal, target
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _explained(square: Array, rings: Array, normal: Array, target: Array) -> Array:
+    """Part of the residuals that the movements explain (H,), see `HeadMoves.misfits`."""
+    heads, size = square.shape[0], target.size
+    unit, scaled, inner = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    for i in range(size):
+        unit[i] = math.sqrt(max(square[i // MOVES, i % MOVES, i % MOVES], 1e-30))
+    for i in range(size):
+        for j in range(size):
+            scaled[i, j] = normal[i, j] / (unit[i] * unit[j])
+    # What all heads do together is the axis, which the fit has found already: it has no value here.
+    pseudo_inverse(scaled, 1e-6, inner)
+    amounts = np.zeros((heads, MOVES))
+    for i in range(size):
+        for j in range(size):
+            amounts[i // MOVES, i % MOVES] += inner[i, j] * target[j] / (unit[i] * unit[j])
+    explained, weight = np.zeros(heads), np.zeros(heads)
+    for h in range(heads):
+        for a in range(MOVES):
+            for b in range(MOVES):
+                explained[h] += square[h, a, b] * amounts[h, a] * amounts[h, b]
+    for r in range(rings.shape[0]):
+        total = mean = 0.0
+        for h in range(heads):
+            total += rings[r, h, 0]
+            for a in range(MOVES):
+                mean += rings[r, h, a] * amounts[h, a]
+        mean /= max(total, 1e-12)
+        for h in range(heads):
+            weight[h] += rings[r, h, 0]
+            explained[h] += rings[r, h, 0] * mean * mean
+            for a in range(MOVES):
+                explained[h] -= 2.0 * rings[r, h, a] * amounts[h, a] * mean
+    for h in range(heads):
+        explained[h] = math.sqrt(max(explained[h], 0.0) / max(weight[h], 1e-12))
+    return explained
+
+
 @dataclass(frozen=True, eq=False)
 class HeadMoves:
     """What the residuals say of movements of the heads, condensed to sums.
@@ -131,20 +216,7 @@ class HeadMoves:
 
     def misfits(self) -> Array:
         """(H,) part of the residuals that the movements explain, RMS over each head's points, millimetres."""
-        heads, size = len(self.square), len(self.target)
-        unit = np.sqrt(np.maximum(np.einsum("kaa->ka", self.square).reshape(size), 1e-30))
-        # What all heads do together is the axis, which the fit has found already: it has no value here.
-        inverse = np.linalg.pinv(self.normal / np.outer(unit, unit), rcond=1e-6, hermitian=True)
-        amounts = (np.einsum("ij,j->i", inverse, self.target / unit) / unit).reshape(heads, MOVES)
-        weight = self.rings[:, :, 0]
-        mean = np.einsum("rka,ka->r", self.rings, amounts) / np.maximum(weight.sum(axis=1), 1e-12)
-        explained = (
-            np.einsum("kab,ka,kb->k", self.square, amounts, amounts)
-            - 2.0 * np.einsum("rka,ka,r->k", self.rings, amounts, mean)
-            + np.einsum("rk,r->k", weight, mean**2)
-        )
-        out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight.sum(axis=0), 1e-12))
-        return out
+        return _explained(self.square, self.rings, self.normal, self.target)
 
 
 def head_moves(points: Array, head: Index, heads: int, fit: RevolutionFit) -> HeadMoves:
@@ -161,22 +233,12 @@ def head_moves(points: Array, head: Index, heads: int, fit: RevolutionFit) -> He
     fit
         The result.
     """
-    bounds = np.searchsorted(head, np.arange(heads + 1))
-    square, right, rings, ring_right = _sums(
-        points, fit.weights, fit.residuals, bounds, fit.centre, fit.tilt_axes, fit.knots_start,
-        fit.knots_step, fit.profile,
+    return HeadMoves(
+        *_condensed(
+            points, head, heads, fit.weights, fit.residuals, fit.centre, fit.tilt_axes, fit.knots_start,
+            fit.knots_step, fit.profile,
+        )
     )  # fmt: skip
-    total = np.maximum(rings[:, :, 0].sum(axis=1), 1e-12)
-    # The mean of each ring is free: take its part off the sums. Small sums without BLAS, whose threads would
-    # spin on and take the cores from the next images.
-    size = heads * MOVES
-    of_ring = rings.reshape(len(total), size)
-    normal = -np.einsum("ri,rj->ij", of_ring / total[:, None], of_ring)
-    target = right.reshape(size) - np.einsum("ri,r->i", of_ring, ring_right.sum(axis=1) / total)
-    for k in range(heads):
-        mine = slice(k * MOVES, (k + 1) * MOVES)
-        normal[mine, mine] += square[k]
-    return HeadMoves(square, rings, ring_right, normal, target)
 
 
 def head_misfits(points: Array, head: Index, heads: int, fit: RevolutionFit) -> Array:

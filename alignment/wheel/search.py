@@ -96,8 +96,7 @@ def _fit_hypothesis(
     chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
     surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([*centre, c[0]]), axes)
     # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
-    heights = np.nan_to_num(surface.fit.height(pool.points), nan=np.inf)
-    again = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+    again = nearest_candidates(surface.fit.height(pool.points), pool.group, _SURFACE_GATE)
     if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
         surface = _fit(pool, again, surface.fit.normal, surface.fit.centre, axes)
     return surface
@@ -132,8 +131,7 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
         try:
             other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
             for _ in range(_ROUNDS):
-                heights = np.nan_to_num(other.fit.height(pool.points), nan=np.inf)
-                chosen = nearest_candidates(heights, pool.group, _SURFACE_GATE)
+                chosen = nearest_candidates(other.fit.height(pool.points), pool.group, _SURFACE_GATE)
                 other = _fit(pool, chosen, other.fit.normal, other.fit.centre, axes)
                 if other.fit.scale < _GOOD_SCALE:
                     break

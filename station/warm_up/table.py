@@ -54,17 +54,46 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.stereo.rectification.rectify": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]",
         ),
+        "alignment.stereo.row_kernels.cross_pairs": (
+            "int64[::1]; int64[::1]; float64[:, ::1]; int64[:, ::1]; float64[:, ::1]; int64[:, ::1]; int64[::1]; int64[::1]; boolean[::1]; float64[:, ::1]; float64[:, :, ::1]; float64; float64[:, ::1]; int64",
+        ),
+        "alignment.stereo.row_kernels.fit_fields": (
+            "float64[:, ::1]; float64[::1]; boolean[::1]; int64[::1]",
+        ),
+        "alignment.stereo.row_kernels.pair_figures": (
+            "float64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[::1]; float64[::1]",
+        ),
         "alignment.stereo.surface._grow_all": (
             "float64[:, ::1]; int64[:, ::1]; float64[::1]; float64[::1]; float64; float64",
         ),
         "alignment.stereo.surface.nearest_candidates": ("float64[::1]; int64[::1]; float64",),
-        "alignment.wheel.agreement._sums": (
-            "float64[:, ::1]; float64[::1]; float64[::1]; int64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]",
+        "alignment.wheel.agreement._condensed": (
+            "float64[:, ::1]; int64[::1]; int64; float64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]",
+        ),
+        "alignment.wheel.agreement._explained": (
+            "float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]",
         ),
         "alignment.wheel.agreement.head_sums": ("int64[::1]; int64; float64[::1]; float64[::1]",),
         "alignment.wheel.disturbance.undisturbed": ("float64[::1]; boolean[::1]; int64[::1]; float64",),
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
+        ),
+        "alignment.wheel.judgement_kernels.evidences": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.wheel.judgement_kernels.patch_signs": (
+            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
+        ),
+        "alignment.wheel.judgement_kernels.row_figures": (
+            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.together": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.wheel.judgement_kernels.whitened": (
+            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
@@ -105,17 +134,46 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.stereo.rectification.rectify": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]",
         ),
+        "alignment.stereo.row_kernels.cross_pairs": (
+            "int64[::1]; int64[::1]; float64[:, ::1]; int64[:, ::1]; float64[:, ::1]; int64[:, ::1]; int64[::1]; int64[::1]; boolean[::1]; float64[:, ::1]; float64[:, :, ::1]; float64; float64[:, ::1]; int64",
+        ),
+        "alignment.stereo.row_kernels.fit_fields": (
+            "float64[:, ::1]; float64[::1]; boolean[::1]; int64[::1]",
+        ),
+        "alignment.stereo.row_kernels.pair_figures": (
+            "float64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[::1]; float64[::1]",
+        ),
         "alignment.stereo.surface._grow_all": (
             "float64[:, ::1]; int64[:, ::1]; float64[::1]; float64[::1]; float64; float64",
         ),
         "alignment.stereo.surface.nearest_candidates": ("float64[::1]; int64[::1]; float64",),
-        "alignment.wheel.agreement._sums": (
-            "float64[:, ::1]; float64[::1]; float64[::1]; int64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]",
+        "alignment.wheel.agreement._condensed": (
+            "float64[:, ::1]; int64[::1]; int64; float64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]",
+        ),
+        "alignment.wheel.agreement._explained": (
+            "float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]",
         ),
         "alignment.wheel.agreement.head_sums": ("int64[::1]; int64; float64[::1]; float64[::1]",),
         "alignment.wheel.disturbance.undisturbed": ("float64[::1]; boolean[::1]; int64[::1]; float64",),
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
+        ),
+        "alignment.wheel.judgement_kernels.evidences": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.wheel.judgement_kernels.patch_signs": (
+            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
+        ),
+        "alignment.wheel.judgement_kernels.row_figures": (
+            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.together": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
+        ),
+        "alignment.wheel.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.wheel.judgement_kernels.whitened": (
+            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
