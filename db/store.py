@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
 from types import TracebackType
@@ -50,6 +50,8 @@ from db.rows import (
     changed,
     key_of,
     load_records,
+    newest_zeros,
+    newest_zeros_of,
     read_cycles,
     read_zeros,
     record_of,
@@ -66,7 +68,6 @@ from db.schema import (
     vehicles,
     wheel_results,
     zero_measurements,
-    zero_revocations,
 )
 
 
@@ -332,36 +333,32 @@ class ResultStore:
         with self._transaction() as connection:
             return read_zeros(connection, query)
 
+    def zero(self, zero_id: str) -> StoredZero | None:
+        """The zero measurement of this id, or None."""
+        with self._transaction() as connection:
+            found = read_zeros(connection, ZEROS.where(zero_measurements.c.id == zero_id))
+        return found[0] if found else None
+
     def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
-        """For each rig and calibration the newest zero measurement that was not revoked.
+        """For each rig and calibration the newest zero measurement that was not revoked; one question.
 
         Parameters
         ----------
         installed
-            Only of these rigs and ids of calibrations; then no more than these are read, however many zero
+            Only of these rigs and ids of calibrations; then an index leads to each of them, however many zero
             measurements there are.
         """
-        valid = ZEROS.where(zero_revocations.c.zero_id.is_(None))
-        newest = (zero_measurements.c.measured_utc, zero_measurements.c.stored_utc)
+        query = newest_zeros() if installed is None else newest_zeros_of(installed)
         with self._transaction() as connection:
-            if installed is None:
-                zeros = read_zeros(connection, valid.order_by(*newest))
-            else:
-                of_rig, of_calibration = zero_measurements.c.rig, zero_measurements.c.calibration_id
-                last = valid.order_by(*(column.desc() for column in newest)).limit(1)
-                zeros = tuple(
-                    zero
-                    for rig, calibration in installed
-                    for zero in read_zeros(
-                        connection, last.where(of_rig == rig, of_calibration == calibration)
-                    )
-                )
-        return tuple({(zero.record.rig, zero.record.calibration_id): zero.record for zero in zeros}.values())
+            return tuple(zero.record for zero in read_zeros(connection, query))
 
-    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
-        """Those of these events that are stored, in no order."""
+    def cycle_events(self, cycle: UUID, codes: Sequence[str]) -> tuple[EventRecord, ...]:
+        """The newest event of each of these codes that is of this cycle; the cycle need not be stored."""
+        of_cycle = (events.c.cycle_uuid == cycle) & events.c.code.in_(codes)
+        newest = select(func.max(events.c.id)).where(of_cycle).group_by(events.c.code)
         with self._transaction() as connection:
-            return tuple(load_records(connection, "event", [uuid.hex for uuid in uuids]).values())
+            rows = connection.execute(select(events).where(events.c.id.in_(newest))).mappings()
+            return tuple(record_of(EventRecord, row) for row in rows)
 
     def recent_events(
         self, n: int, station: str | None = None, codes: Sequence[str] = ()

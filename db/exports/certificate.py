@@ -151,7 +151,7 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
                 _calibration(history, wheel.calibration_id),
                 "" if wheel.points_used is None else str(wheel.points_used),
                 "" if wheel.residual_rms_mm is None else f"{wheel.residual_rms_mm:.3f}",
-                wheel.reason_text or "",
+                wheel.reason_text or ("a head was lost" if wheel.degraded else ""),
             )
             for wheel in record.wheels
         ],

@@ -48,6 +48,8 @@ class AngleRow:
     reason_code, reason_text
         Why the angle is not ok, for programs and for people: ``toe_high``, ``no_limits``, ``not_judged``, or
         the reason why its wheel was not measured. None where it is.
+    degraded
+        Whether a head of its wheel was lost and the others measured alone; None where that is not known.
     """
 
     cycle: str
@@ -80,6 +82,7 @@ class AngleRow:
     trigger_sequence: int
     software_version: str
     config_hash: str
+    degraded: bool | None
 
     @property
     def characteristic(self) -> str:
@@ -120,7 +123,7 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
     nothing: dict[str, Any] = dict.fromkeys(
         (
             "measured_utc", "method", "calibration_id", "zero_measurement_id", "points_used",
-            "residual_rms_mm", "thrust_sign",
+            "residual_rms_mm", "thrust_sign", "degraded",
         )
     )  # fmt: skip
     for wheel in record.wheels:
@@ -133,6 +136,7 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
             "zero_measurement_id": wheel.zero_measurement_id,
             "points_used": wheel.points_used,
             "residual_rms_mm": wheel.residual_rms_mm,
+            "degraded": wheel.degraded,
         }
         for quantity in ("camber", "toe"):
             yield AngleRow(**(common | nothing | own | _angle(record, wheel, quantity)))

@@ -4,7 +4,7 @@ from db.queries.filters import EVERYTHING, Characteristic, Filter, Quantity, Shi
 from db.queries.reader import ResultReader
 from db.queries.series import ValueSeries, cycle_records, value_series
 from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
-from db.queries.studies import gauge_studies, gauge_study
+from db.queries.studies import gauge_studies, gauge_study, gauge_value_counts
 from db.queries.summed import (
     GroupBy,
     Moments,
@@ -48,6 +48,7 @@ __all__ = [
     "events",
     "gauge_studies",
     "gauge_study",
+    "gauge_value_counts",
     "moments",
     "reasons",
     "since_last_good_check",

@@ -73,11 +73,18 @@ def value_series(
     characteristic: Characteristic,
     where: Filter = EVERYTHING,
     newest: int | None = None,
+    oldest: int | None = None,
 ) -> ValueSeries:
-    """All values of a characteristic that a filter leaves, or only the last `newest` of them."""
+    """All values of a characteristic that a filter leaves; or only the `newest` or `oldest` so many of them.
+
+    The newest are those that were stored last, in the order of storing; the oldest those whose triggers came
+    first, in the order of their times.
+    """
     with reader.transaction() as connection:
         query = _series(connection, characteristic, where)
-        if newest is None:
+        if oldest is not None:
+            columns = columns_of(connection, query.order_by(cycles.c.received_utc, cycles.c.id).limit(oldest))
+        elif newest is None:
             columns = columns_of(connection, query.order_by(cycles.c.id))
         else:
             backwards = columns_of(connection, query.order_by(cycles.c.id.desc()).limit(newest))

@@ -33,6 +33,7 @@ from db.queries.columns import columns_of, objects, plain_time, plain_uuid, time
 from db.queries.filters import EVERYTHING, Filter, about_cycles, at_stations, known_stations
 from db.queries.reader import ResultReader, question
 from db.records import CheckKind, CheckOutcome, CycleOutcome
+from db.rows import PORTION
 from db.schema import (
     calibration_checks,
     calibrations,
@@ -169,11 +170,8 @@ def _last_good_checks(connection: Connection) -> dict[tuple[str, str], datetime]
         .limit(1)
         .scalar_subquery()
     )
-    checked = [
-        row
-        for row in connection.execute(select(calibrations.c.id, calibrations.c.rig, last))
-        if row[2] is not None
-    ]
+    of_each = select(calibrations.c.id, calibrations.c.rig, last.label("utc")).subquery("of_each")
+    checked = connection.execute(select(of_each).where(of_each.c.utc.is_not(None))).all()
     used = stations_using(connection, [calibration_id for calibration_id, _, _ in checked])
     good: dict[tuple[str, str], datetime] = {}
     for calibration_id, rig, utc in checked:
@@ -185,13 +183,16 @@ def _last_good_checks(connection: Connection) -> dict[tuple[str, str], datetime]
 def stations_using(connection: Connection, calibration_ids: Sequence[str]) -> dict[str, set[str]]:
     """The stations that use or used each of these calibrations."""
     used: dict[str, set[str]] = defaultdict(set)
-    for calibration_id, station in connection.execute(
+    query = (
         select(installations.c.calibration_id, stations.c.name)
         .join(rigs, installations.c.rig_id == rigs.c.id)
         .join(stations, rigs.c.station_id == stations.c.id)
         .distinct()
-    ):
-        used[calibration_id].add(station)
+    )
+    for start in range(0, len(calibration_ids), PORTION):
+        of_these = installations.c.calibration_id.in_(calibration_ids[start : start + PORTION])
+        for calibration_id, station in connection.execute(query.where(of_these)):
+            used[calibration_id].add(station)
     for calibration_id in calibration_ids:
         if calibration_id not in used:
             # Stored before stations told what they use: whoever measured with it.

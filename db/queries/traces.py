@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from uuid import UUID
 
-from sqlalchemy import ColumnElement, Connection, false, or_, select
+from sqlalchemy import ColumnElement, Connection, RowMapping, or_, select
 
 from db.queries.filters import (
     EVERYTHING,
@@ -56,6 +56,8 @@ from db.schema import events as event_rows
 
 # Events this long before a trigger and after the last image may explain a cycle.
 _AROUND = timedelta(minutes=15)
+# Cycles whose conditions go into one statement; a database takes an expression of so many parts only.
+_PORTION = 200
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class VinHistory:
     stations
         The stations as configured when they measured, for each configuration hash.
     events
-        Of these stations, up to a quarter of an hour before a trigger and after the last image.
+        Of these cycles; and of their stations, up to a quarter of an hour before a trigger and after the last
+        image.
     shots
         Archived images, and whether they are still kept.
     """
@@ -152,12 +155,17 @@ def events(
 @question
 def checks(reader: ResultReader, where: Filter = EVERYTHING) -> tuple[CheckOfStation, ...]:
     """Checks of calibrations, in the order of their times; wheels of the filter are names of rigs."""
+    conditions = [within(where.intervals(), calibration_checks.c.utc)]
+    if where.wheels:
+        conditions.append(calibrations.c.rig.in_(where.wheels))
     with reader.transaction() as connection:
-        return tuple(
-            found
-            for found in _checks(connection, [within(where.intervals(), calibration_checks.c.utc)])
-            if _wanted(connection, where, found)
-        )
+        found = _checks(connection, conditions)
+        if where.stations:
+            found = [one for one in found if one.station in where.stations]
+        if where.plants:
+            there = {*map(str, connection.execute(stations_of(where.plants)).scalars())}
+            found = [one for one in found if one.station in there]
+        return tuple(found)
 
 
 def _checks(connection: Connection, conditions: Sequence[ColumnElement[bool]]) -> list[CheckOfStation]:
@@ -177,16 +185,6 @@ def _checks(connection: Connection, conditions: Sequence[ColumnElement[bool]]) -
     return found
 
 
-def _wanted(connection: Connection, where: Filter, found: CheckOfStation) -> bool:
-    if where.wheels and found.rig not in where.wheels:
-        return False
-    if where.stations and found.station not in where.stations:
-        return False
-    if not where.plants:
-        return True
-    return found.station in {*map(str, connection.execute(stations_of(where.plants)).scalars())}
-
-
 def _configurations(connection: Connection, found: Sequence[StoredCycle]) -> tuple[StationRecord, ...]:
     names = {(stored.record.station, stored.record.config_hash) for stored in found}
     rows: list[StationRecord] = []
@@ -197,14 +195,20 @@ def _configurations(connection: Connection, found: Sequence[StoredCycle]) -> tup
 
 
 def _events_around(connection: Connection, found: Sequence[StoredCycle]) -> tuple[EventRecord, ...]:
-    around = [
-        (event_rows.c.station == stored.record.station)
-        & (event_rows.c.utc >= stored.record.received_utc - _AROUND)
-        & (event_rows.c.utc <= _end(stored) + _AROUND)
-        for stored in found
-    ]
-    query = select(event_rows).where(or_(false(), *around)).order_by(event_rows.c.utc, event_rows.c.id)
-    return tuple(record_of(EventRecord, row) for row in connection.execute(query).mappings())
+    rows: dict[int, RowMapping] = {}
+    for start in range(0, len(found), _PORTION):
+        portion = found[start : start + _PORTION]
+        around = [
+            (event_rows.c.station == stored.record.station)
+            & (event_rows.c.utc >= stored.record.received_utc - _AROUND)
+            & (event_rows.c.utc <= _end(stored) + _AROUND)
+            for stored in portion
+        ]
+        of_these = event_rows.c.cycle_uuid.in_([stored.record.uuid for stored in portion])
+        query = select(event_rows).where(or_(of_these, *around))
+        rows |= {row["id"]: row for row in connection.execute(query).mappings()}
+    ordered = sorted(rows.values(), key=lambda row: (row["utc"], row["id"]))
+    return tuple(record_of(EventRecord, row) for row in ordered)
 
 
 def _end(stored: StoredCycle) -> datetime:

@@ -1,6 +1,7 @@
 """The values that go into a database and come out."""
 
 from db.records.angle_verdicts import AngleVerdict, Side, judge_angle, missed_limit
+from db.records.plain import check_text
 from db.records.quality import (
     ArchivedShotRecord,
     ArchiveRemoval,
@@ -34,7 +35,6 @@ from db.records.results import (
     WheelRecord,
     ZeroRecord,
     ZeroRevocation,
-    check_text,
 )
 
 __all__ = [

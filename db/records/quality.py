@@ -12,7 +12,7 @@ from datetime import datetime
 from typing import Any
 from uuid import UUID, uuid4
 
-from db.records.results import as_read_back, check_values
+from db.records.plain import as_read_back, check_values
 
 
 class StudyKind(enum.StrEnum):

@@ -12,18 +12,15 @@ check what a database cannot see in one row: text, finite numbers, aware times, 
 from __future__ import annotations
 
 import enum
-import json
-import math
-from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
-from functools import cache
-from types import UnionType
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any
 from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle.axles import ThrustSign
+from db.records.plain import as_read_back, check_values
 
 
 class CycleOutcome(enum.StrEnum):
@@ -73,64 +70,6 @@ class CheckOutcome(enum.StrEnum):
     OUT = "out"
 
 
-def check_text(name: str, text: str) -> None:
-    """Refuse text that no database stores: PostgreSQL takes no NUL, and neither takes a lone surrogate."""
-    if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
-        raise InputError(field=name, expected="text without NUL and lone surrogates", seen=ascii(text))
-
-
-def check_values(record: Any) -> None:
-    """Refuse what SQLite and PostgreSQL would store differently, or not at all."""
-    allowed = _allowed(cast(Hashable, type(record)))
-    for item in fields(record):
-        value = getattr(record, item.name)
-        name = f"{type(record).__name__}.{item.name}"
-        if not isinstance(value, allowed[item.name]) or (
-            isinstance(value, bool) and bool not in allowed[item.name]
-        ):
-            # A numpy integer would reach SQLite as a blob; and SQLite keeps text in a column of numbers.
-            raise InputError(field=name, expected="a plain Python value", seen=type(value).__name__)
-        if isinstance(value, str):
-            check_text(name, value)
-        elif isinstance(value, float):
-            # SQLite turns NaN into NULL without a word.
-            if not math.isfinite(value):
-                raise InputError(field=name, expected="a finite number", seen=str(value))
-        elif isinstance(value, int):
-            if not -(2**63) <= value < 2**63:
-                raise InputError(field=name, expected="a whole number of 64 bits", seen=str(value))
-        elif isinstance(value, datetime) and value.utcoffset() is None:
-            raise InputError(field=name, expected="a time with its time zone", seen=str(value))
-
-
-@cache
-def _allowed(record: Any) -> dict[str, tuple[type, ...]]:
-    """The plain types of each field: SQLite keeps whatever it is given, and gives it back."""
-    return {name: tuple(_plain_types(hint)) for name, hint in get_type_hints(record).items()}
-
-
-def _plain_types(hint: Any) -> Iterator[type]:
-    origin = get_origin(hint)
-    if origin in (Union, UnionType):
-        for part in get_args(hint):
-            yield from _plain_types(part)
-    elif origin is Literal or (isinstance(hint, type) and issubclass(hint, str)):
-        # Text of an enumeration may come as plain text.
-        yield str
-    elif hint is float:
-        yield from (float, int)
-    else:
-        yield origin or hint
-
-
-def as_read_back(name: str, document: Mapping[str, Any]) -> Any:
-    """The JSON document as the database gives it back: lists for tuples, text for every key."""
-    try:
-        return json.loads(json.dumps(document, allow_nan=False))
-    except (TypeError, ValueError) as error:
-        raise InputError(field=name, expected="a JSON document", seen=str(error)) from error
-
-
 @dataclass(frozen=True)
 class VehicleRecord:
     """A vehicle: its identification number and the type whose limits apply."""
@@ -159,7 +98,7 @@ class WheelRecord:
     coverage_factor
         k of the expanded uncertainty that the verdict used.
     method
-        How, and of what: ``tyre_plane/revolution``; a spin axis says so here.
+        How, and of what, for people: ``tyre_plane/revolution``; a spin axis says so here.
     calibration_id
         The calibration it rests on; recorded before the cycle is written.
     zero_measurement_id
@@ -181,6 +120,9 @@ class WheelRecord:
     camber_unseen, toe_unseen
         By how much a movement since the calibration that no image shows may change them, radians; not part of
         the uncertainties. None where the shot was not judged.
+    degraded
+        Whether a head was lost and the others measured alone. None where nothing was measured, and in records
+        of earlier programs that do not tell of a lost head.
     """
 
     wheel: str
@@ -211,6 +153,7 @@ class WheelRecord:
     warning: str | None = None
     camber_unseen: float | None = None
     toe_unseen: float | None = None
+    degraded: bool | None = None
 
     def __post_init__(self) -> None:
         check_values(self)
@@ -467,7 +410,17 @@ class StoredZero:
 
 @dataclass(frozen=True)
 class EventRecord:
-    """Something that happened at a station and explains results: a start, a fault, a clock that was set."""
+    """Something that happened at a station and explains results: a start, a fault, a clock that was set.
+
+    Attributes
+    ----------
+    code, text
+        What happened: for programs, and for people. No program reads the text.
+    cycle_uuid
+        The cycle it is of; None where it is of none.
+    value
+        The number it tells: degrees Celsius of a temperature. None where it tells none.
+    """
 
     utc: datetime
     station: str
@@ -477,6 +430,8 @@ class EventRecord:
     text: str
     monotonic_s: float | None = None
     uuid: UUID = field(default_factory=uuid4)
+    cycle_uuid: UUID | None = None
+    value: float | None = None
 
     def __post_init__(self) -> None:
         check_values(self)

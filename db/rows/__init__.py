@@ -1,6 +1,7 @@
 """Records to rows and back, and the chain of hashes that links them; nobody outside db uses it."""
 
 from db.rows.chain import (
+    FILLED,
     NOTHING_BEFORE,
     PARTS,
     START,
@@ -12,11 +13,13 @@ from db.rows.chain import (
     row_name,
     rows_text,
 )
+from db.rows.filled import as_before
 from db.rows.plant import changed
 from db.rows.reading import (
     CYCLES,
     KIND_OF,
     KINDS,
+    PORTION,
     REMOVALS,
     SHOTS,
     STATIONS,
@@ -25,6 +28,8 @@ from db.rows.reading import (
     flat_values,
     key_of,
     load_records,
+    newest_zeros,
+    newest_zeros_of,
     query_of,
     read_cycles,
     read_stations,
@@ -35,10 +40,12 @@ from db.rows.writing import insert_rows, write_cycles, write_record
 
 __all__ = [
     "CYCLES",
+    "FILLED",
     "KINDS",
     "KIND_OF",
     "NOTHING_BEFORE",
     "PARTS",
+    "PORTION",
     "REMOVALS",
     "SHOTS",
     "START",
@@ -46,6 +53,7 @@ __all__ = [
     "STUDY_VALUES",
     "ZEROS",
     "Head",
+    "as_before",
     "changed",
     "content_names",
     "digest",
@@ -54,6 +62,8 @@ __all__ = [
     "key_of",
     "link_hash",
     "load_records",
+    "newest_zeros",
+    "newest_zeros_of",
     "query_of",
     "read_cycles",
     "read_stations",

@@ -1,7 +1,8 @@
 """What is stored is chained: each record's link holds the hash of its content and of the link before.
 
 The content of a row is a JSON object of its columns: names sorted, no spaces, everything that is not ASCII
-escaped. Columns without a value are left out, so that a column that a later revision adds changes no hash.
+escaped. Columns without a value are left out, so that a column that a later revision adds changes no hash;
+`db.rows.filled` knows what one has filled.
 Times are UTC with six decimals, UUIDs have hyphens, numbers that are whole are written without a point, and
 keys that only number rows are replaced by what they stand for. The same on SQLite and PostgreSQL.
 
@@ -30,6 +31,8 @@ from db.schema import chain_links, cycles
 NOTHING_BEFORE = 64 * "0"
 # Kind of the link that counts what was stored before there was a chain.
 START = "start"
+# Kind of a link of a revision that filled columns of stored rows: it holds the end of each chain before that.
+FILLED = "filled"
 # Rows of a cycle beside its own.
 PARTS: dict[str, type] = {
     "wheel_results": WheelRecord,

@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import UUID
 
-from sqlalchemy import Connection, RowMapping, Select, Table, Uuid, select
+from sqlalchemy import Connection, RowMapping, Select, Table, Uuid, exists, func, select
 
 from alignment.errors import InputError
 from db.records import (
@@ -80,6 +80,9 @@ ZEROS = select(
     zero_revocations.c.utc,
     zero_revocations.c.reason,
 ).outerjoin(zero_revocations, zero_revocations.c.zero_id == zero_measurements.c.id)
+_ZERO = zero_measurements.alias("zero")
+_NOT_REVOKED = ~exists().where(zero_revocations.c.zero_id == _ZERO.c.id)
+_NEWEST_FIRST = (_ZERO.c.measured_utc.desc(), _ZERO.c.stored_utc.desc(), _ZERO.c.id.desc())
 SHOTS = select(archived_shots, cycles.c.uuid.label("cycle")).join(
     cycles, archived_shots.c.cycle_id == cycles.c.id
 )
@@ -135,6 +138,23 @@ def read_zeros(connection: Connection, query: Select[Any]) -> tuple[StoredZero, 
         )
         for row in connection.execute(query).mappings()
     )
+
+
+def newest_zeros() -> Select[Any]:
+    """As `ZEROS`: of every rig and calibration the newest zero measurement that was not revoked."""
+    place = func.row_number().over(partition_by=(_ZERO.c.rig, _ZERO.c.calibration_id), order_by=_NEWEST_FIRST)
+    placed = select(_ZERO.c.id, place.label("place")).where(_NOT_REVOKED).subquery("placed")
+    return ZEROS.where(zero_measurements.c.id.in_(select(placed.c.id).where(placed.c.place == 1)))
+
+
+def newest_zeros_of(installed: Sequence[tuple[str, str]]) -> Select[Any]:
+    """The same of some rigs and ids of calibrations: each is found by an index, and at most one row comes."""
+    newest = select(_ZERO.c.id).where(_NOT_REVOKED).order_by(*_NEWEST_FIRST).limit(1)
+    wanted = [
+        newest.where(_ZERO.c.rig == rig, _ZERO.c.calibration_id == calibration).scalar_subquery()
+        for rig, calibration in installed
+    ]
+    return ZEROS.where(zero_measurements.c.id.in_(wanted))
 
 
 def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle, ...]:

@@ -37,6 +37,8 @@ gauge_studies = Table(
     UniqueConstraint("uuid"),
     check("name_not_empty", "name <> ''"),
     check("characteristic_not_empty", "characteristic <> ''"),
+    # Serves the study of a name, and the refusal to give one twice.
+    Index(None, "name"),
     # Serves "the studies of one kind, newest first".
     Index(None, "kind", "created_utc"),
 )

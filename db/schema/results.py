@@ -204,6 +204,8 @@ wheel_results = Table(
     Column("warning", Text),
     Column("camber_unseen", Double),
     Column("toe_unseen", Double),
+    # Whether a head was lost; empty where nothing was measured, and in older records that do not tell.
+    Column("degraded", Boolean),
     check("wheel_not_empty", "wheel <> ''"),
     check(
         "measured_is_complete",
@@ -299,11 +301,17 @@ events = Table(
     Column("source", Text, nullable=False),
     Column("code", Text, nullable=False),
     Column("text", Text, nullable=False),
+    # The cycle it is of. No foreign key: it may be told of one that was not stored.
+    Column("cycle_uuid", Uuid),
+    # The number it tells, such as degrees Celsius.
+    Column("value", Double),
     # Serves the refusal to store one event twice.
     UniqueConstraint("uuid"),
     check("code_not_empty", "code <> ''"),
     # Serves the events of one station over a period, beside its results.
     Index(None, "station", "utc"),
-    # Serves the last events of one kind of a station, asked for at every start.
+    # Serves the last events of one kind of a station.
     Index(None, "station", "code", "id"),
+    # Serves "what became of this cycle", asked for at every start.
+    Index(None, "cycle_uuid"),
 )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
+from uuid import UUID
 
 from alignment.errors import StoreError
 from db.connection import make_engine, parse_url, store_errors
@@ -263,9 +264,18 @@ class BackgroundWork:
             _LOG.warning("sums are not up to date: %s", error)
         self._health = replace(self._health, maintenance_error=error)
 
-    def note(self, severity: Severity, code: str, text: str) -> None:
-        """Record an event of the station; a database that does not take it is logged."""
-        record = EventRecord(self._now(), self._station, severity, "station.store", code, text, self._clock())
+    def note(self, severity: Severity, code: str, text: str, cycle: UUID | None = None) -> None:
+        """Record an event of the station, or of a cycle; a database that does not take it is logged."""
+        record = EventRecord(
+            self._now(),
+            self._station,
+            severity,
+            "station.store",
+            code,
+            text,
+            self._clock(),
+            cycle_uuid=cycle,
+        )
         try:
             self._store.record_event(record)
         except StoreError as error:

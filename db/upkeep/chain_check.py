@@ -6,17 +6,19 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 from uuid import UUID
 
 from sqlalchemy import Connection, Row, String, Table, cast, func, select
 
 from db.rows import (
+    FILLED,
     KINDS,
     NOTHING_BEFORE,
     PARTS,
     START,
     Head,
+    as_before,
     content_names,
     digest,
     link_hash,
@@ -54,6 +56,13 @@ TABLES = {
 }
 
 
+class _Finding(NamedTuple):
+    """What is wrong, and in which table."""
+
+    table: str
+    text: str
+
+
 @dataclass(frozen=True)
 class ChainReport:
     """What the chains say.
@@ -77,8 +86,9 @@ class ChainReport:
 def check_chains(connection: Connection) -> ChainReport:
     """Hash every stored row again and compare it with its link, and each link with the one before."""
     heads: dict[str, Head] = {}
-    findings: list[str] = []
+    findings: list[_Finding] = []
     links = 0
+    filled = _filled(connection)
     away = dict.fromkeys(detached_ranges(connection), 0)
     names = connection.execute(select(chain_links.c.chain).distinct().order_by(chain_links.c.chain)).scalars()
     for chain in names.all():
@@ -88,12 +98,15 @@ def check_chains(connection: Connection) -> ChainReport:
             for link in portion:
                 findings += _place(link, end)
                 end = Head(link.number, link.hash)
-            findings += _contents(connection, portion, away)
+            findings += _contents(connection, portion, away, filled.get(chain, 0))
         heads[str(chain)] = end
     findings += _beside(connection)
     findings += [
-        f"wheel_results: the partition of the cycles {start} to {end - 1} is not attached, {number} rows of"
-        " it are known by their hashes alone"
+        _Finding(
+            "wheel_results",
+            f"wheel_results: the partition of the cycles {start} to {end - 1} is not attached, {number} rows"
+            " of it are known by their hashes alone",
+        )
         for (start, end), number in away.items()
         if number
     ]
@@ -108,15 +121,30 @@ def _portions(connection: Connection, chain: str) -> Iterator[Sequence[Row[Any]]
         last = portion[-1].number
 
 
-def _place(link: Row[Any], end: Head) -> Iterator[str]:
+def _filled(connection: Connection) -> dict[str, int]:
+    """Of each chain the last link before a revision filled columns of stored rows; none where none did."""
+    marked = select(chain_links.c.rows).where(chain_links.c.kind == FILLED).limit(_MOST)
+    found: dict[str, int] = {}
+    for rows in connection.execute(marked).scalars():
+        try:
+            found |= {str(chain): int(number) for chain, number in json.loads(rows).items()}
+        except (ValueError, TypeError, AttributeError):
+            # Told with the link: it does not have its hash.
+            continue
+    return found
+
+
+def _place(link: Row[Any], end: Head) -> Iterator[_Finding]:
     """What is wrong with a link itself, behind the end of the chain before it."""
     name = f"chain_links, link {link.number} of {_whose(link.chain)}"
     if link.number != end.number + 1:
-        yield f"{name}: {link.number - end.number - 1} links before it are missing: records were removed"
+        missing = link.number - end.number - 1
+        yield _Finding("chain_links", f"{name}: {missing} links before it are missing: records were removed")
     elif link.previous != end.hash:
-        yield f"{name} does not continue link {end.number}: one of them was altered or put in"
+        text = f"{name} does not continue link {end.number}: one of them was altered or put in"
+        yield _Finding("chain_links", text)
     if link.hash != link_hash(link.previous, link.chain, link.number, link.kind, link.key, link.rows):
-        yield f"{name} ({link.kind} {link.key}) was altered"
+        yield _Finding("chain_links", f"{name} ({link.kind} {link.key}) was altered")
 
 
 def _whose(chain: str) -> str:
@@ -124,33 +152,36 @@ def _whose(chain: str) -> str:
 
 
 def _contents(
-    connection: Connection, portion: Sequence[Row[Any]], away: dict[tuple[int, int], int]
-) -> Iterator[str]:
-    """Compare the records of links with what is stored."""
-    by_kind = sorted((link for link in portion if link.kind != START), key=lambda link: str(link.kind))
+    connection: Connection, portion: Sequence[Row[Any]], away: dict[tuple[int, int], int], filled: int
+) -> Iterator[_Finding]:
+    """Compare the records of links with what is stored; up to link `filled` columns were filled since."""
+    of_records = (link for link in portion if link.kind not in (START, FILLED))
+    by_kind = sorted(of_records, key=lambda link: str(link.kind))
     for kind, group in groupby(by_kind, key=lambda link: link.kind):
         links = list(group)
         if kind not in KINDS:
             for link in links:
-                yield f"chain_links, link {link.number} of {_whose(link.chain)}: no record is a '{kind}'"
+                name = f"chain_links, link {link.number} of {_whose(link.chain)}"
+                yield _Finding("chain_links", f"{name}: no record is a '{kind}'")
             continue
-        stored = _stored(connection, kind, [link.key for link in links])
+        earlier = frozenset(link.key for link in links if link.number <= filled)
+        stored = _stored(connection, kind, [link.key for link in links], earlier)
         for link in links:
             yield from _differences(link, stored.get(link.key), away)
 
 
 def _differences(
     link: Row[Any], found: tuple[Any, dict[str, str]] | None, away: dict[tuple[int, int], int]
-) -> Iterator[str]:
+) -> Iterator[_Finding]:
     own = TABLES[link.kind]
     of = f"{link.kind} {_shown(link.key)} of {_whose(link.chain)}"
     if found is None:
-        yield f"{own}: {of} was removed"
+        yield _Finding(own, f"{own}: {of} was removed")
         return
     identity, digests = found
     name = f"{of} (row {identity})" if identity is not None else of
     if _UNREADABLE in digests:
-        yield f"{own}: {name} was altered: {digests[_UNREADABLE]}"
+        yield _Finding(own, f"{own}: {name} was altered: {digests[_UNREADABLE]}")
         return
     if rows_text(digests) == link.rows:
         return
@@ -170,9 +201,9 @@ def _differences(
                 away[gap] += 1
                 continue
         if table in PARTS:
-            yield f"{table}: {f'{part} of ' if part else ''}{name} {what}"
+            yield _Finding(table, f"{table}: {f'{part} of ' if part else ''}{name} {what}")
         else:
-            yield f"{own}: {name} {what}"
+            yield _Finding(own, f"{own}: {name} {what}")
 
 
 def _shown(key: str) -> str:
@@ -182,50 +213,61 @@ def _shown(key: str) -> str:
         return str(key)
 
 
-def _stored(connection: Connection, kind: str, keys: Sequence[str]) -> dict[str, Any]:
-    """By key the row's own id and the digests of all rows; what cannot be read has a sentence instead."""
+def _stored(
+    connection: Connection, kind: str, keys: Sequence[str], earlier: frozenset[str]
+) -> dict[str, Any]:
+    """By key the row's own id and the digests of all rows; what cannot be read has a sentence instead.
+
+    Those of the keys `earlier` are of the rows as they were before their columns were filled.
+    """
     try:
-        return _digests(connection, kind, keys)
+        return _digests(connection, kind, keys, earlier)
     except Exception as error:  # noqa: BLE001
         # Any type of a row may fail with any error: it is looked for, and told.
         if len(keys) == 1:
             text = " ".join(str(getattr(error, "orig", None) or error).split())
             return {keys[0]: (None, {_UNREADABLE: f"it cannot be read ({type(error).__name__}: {text})"})}
         half = len(keys) // 2
-        return _stored(connection, kind, keys[:half]) | _stored(connection, kind, keys[half:])
+        return _stored(connection, kind, keys[:half], earlier) | _stored(
+            connection, kind, keys[half:], earlier
+        )
 
 
-def _digests(connection: Connection, kind: str, keys: Sequence[str]) -> dict[str, Any]:
+def _digests(
+    connection: Connection, kind: str, keys: Sequence[str], earlier: frozenset[str]
+) -> dict[str, Any]:
     query, column, by_uuid = query_of(kind)
     wanted = [UUID(key) for key in keys] if by_uuid else list(keys)
     rows = connection.execute(query.where(column.in_(wanted))).mappings().all()
     names = content_names(KINDS[kind])
     found: dict[str, Any] = {}
-    by_id: dict[Any, dict[str, str]] = {}
+    by_id: dict[Any, tuple[bool, dict[str, str]]] = {}
     for row in rows:
         values = {name: row.get(name) for name in (*names, "stored_utc")}
-        key = row["shot"] if kind == "removal" else row[column.name]
+        given = row["shot"] if kind == "removal" else row[column.name]
+        key = given.hex if isinstance(given, UUID) else str(given)
         identity = row.get("id") if kind not in ("calibration", "zero") else None
-        digests = {kind: digest(values)}
-        found[key.hex if isinstance(key, UUID) else str(key)] = (identity, digests)
-        by_id[identity] = digests
+        digests = {kind: digest(as_before(TABLES[kind], values) if key in earlier else values)}
+        found[key] = (identity, digests)
+        by_id[identity] = (key in earlier, digests)
     if kind == "cycle":
         for name, part in PARTS.items():
             table = metadata.tables[name]
             of_these = select(table).where(table.c.cycle_id.in_(list(by_id)))
             for row in connection.execute(of_these).mappings():
                 values = {item: row[item] for item in content_names(part)}
-                by_id[row["cycle_id"]][row_name(name, values)] = digest(values)
+                is_earlier, digests = by_id[row["cycle_id"]]
+                digests[row_name(name, values)] = digest(as_before(name, values) if is_earlier else values)
     return found
 
 
-def _beside(connection: Connection) -> Iterator[str]:
+def _beside(connection: Connection) -> Iterator[_Finding]:
     """Rows without a link: no more than were stored before there was a chain."""
     start = connection.execute(
         select(chain_links.c.rows).where(chain_links.c.kind == START, chain_links.c.number == 1)
     ).scalar_one_or_none()
     if start is None:
-        yield "chain_links: the start of the chain was removed"
+        yield _Finding("chain_links", "chain_links: the start of the chain was removed")
         return
     try:
         before = dict(json.loads(start))
@@ -241,9 +283,9 @@ def _beside(connection: Connection) -> Iterator[str]:
         if number > expected:
             newest = unlinked.order_by(*_newest_first(table)).limit(min(number - expected, _MOST))
             for key in connection.execute(newest).scalars():
-                yield f"{name}: {kind} {_shown(key)} was put in past the program"
+                yield _Finding(name, f"{name}: {kind} {_shown(key)} was put in past the program")
         elif number < expected:
-            yield f"{name}: {expected - number} rows from before the chain were removed"
+            yield _Finding(name, f"{name}: {expected - number} rows from before the chain were removed")
 
 
 def _keys(kind: str, table: Table) -> tuple[Any, Any]:
@@ -262,14 +304,13 @@ def _newest_first(table: Table) -> list[Any]:
     return [column.desc() for column in (table.c.get("stored_utc"), table.c.get("utc")) if column is not None]
 
 
-def _shortened(findings: Sequence[str]) -> Iterator[str]:
+def _shortened(findings: Sequence[_Finding]) -> Iterator[str]:
     """The findings, those of one table only so many times."""
     told: dict[str, int] = {}
-    for finding in findings:
-        table = finding.partition(":")[0].partition(",")[0]
+    for table, text in findings:
         told[table] = told.get(table, 0) + 1
         if told[table] <= _MOST:
-            yield finding
+            yield text
     for table, number in told.items():
         if number > _MOST:
             yield f"{table}: {number - _MOST} more of this kind"

@@ -186,10 +186,12 @@ def _outbox(connection: Connection) -> Iterator[str]:
             if listed != stored:
                 yield f"{stored} cycles are stored, {listed} are in the outbox"
             continue
-        keys = connection.execute(select(outbox.c.key).where(outbox.c.kind == kind)).scalars().all()
-        for start in range(0, len(keys), _PORTION):
-            portion = keys[start : start + _PORTION]
-            lost = set(portion) - set(load_records(connection, kind, portion))
+        of_kind = select(outbox.c.sequence, outbox.c.key).where(outbox.c.kind == kind)
+        of_kind, after = of_kind.order_by(outbox.c.sequence).limit(_PORTION), 0
+        while listing := connection.execute(of_kind.where(outbox.c.sequence > after)).all():
+            after = listing[-1].sequence
+            keys = [entry.key for entry in listing]
+            lost = set(keys) - set(load_records(connection, kind, keys))
             if lost:
                 yield f"the outbox names the {kind} {min(lost)}, which is not stored ({len(lost)} such)"
 

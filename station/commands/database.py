@@ -242,6 +242,13 @@ def event(
         raise InputError(
             field="TEXT", expected="either a text or --temperature", seen="both" if text else "none"
         )
+    if code == TEMPERATURE and temperature is None:
+        raise InputError(
+            field="--code",
+            expected="another code for a text, which no report reads a number from",
+            seen=f"'{code}'",
+            cure="Record degrees Celsius with --temperature 31.5",
+        )
     utc = read_time("--time", time) or datetime.now(UTC)
     with ResultReader(database) as reader:
         known = station_names(reader)
@@ -251,7 +258,7 @@ def event(
         )
     if temperature is not None:
         code, text = TEMPERATURE, f"{temperature:g} °C"
-    record = EventRecord(utc, station, Severity.INFO, "command line", code, text or "")
+    record = EventRecord(utc, station, Severity.INFO, "command line", code, text or "", value=temperature)
     with ResultStore(database) as store:
         store.record_event(record)
     if as_json:

@@ -385,15 +385,15 @@ def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
 
     found = [
         {
-            "study": str(study.record.uuid),
-            "kind": str(study.record.kind),
-            "name": study.record.name,
-            "characteristic": study.record.characteristic,
-            "created_utc": study.record.created_utc.isoformat(),
-            "values": len(study.values),
-            "planned": len(planned_runs(study)) or len(study.values),
+            "study": str(record.uuid),
+            "kind": str(record.kind),
+            "name": record.name,
+            "characteristic": record.characteristic,
+            "created_utc": record.created_utc.isoformat(),
+            "values": values,
+            "planned": len(planned_runs(record)) or values,
         }
-        for study in all_studies(database)
+        for record, values in all_studies(database)
     ]
     if as_json:
         print_json({"studies": found})

@@ -122,7 +122,7 @@ def revoke_command(
     from db.store import ResultStore
 
     with ResultStore(database) as store:
-        if zero_id not in {zero.record.id for zero in store.zeros()}:
+        if store.zero(zero_id) is None:
             raise ConfigurationError(
                 field="ID",
                 expected="the id of a zero measurement",
@@ -130,10 +130,9 @@ def revoke_command(
                 cure="`truewheel zero list` shows them",
             )
         store.revoke_zero(ZeroRevocation(zero_id, datetime.now(UTC), reason))
-        zeros, in_force = store.zeros(), {record.id for record in store.zeros_in_force()}
-    if as_json:
-        (revoked,) = (zero for zero in zeros if zero.record.id == zero_id)
-        print_json(_stored_as_json(revoked, in_force))
+        revoked = store.zero(zero_id)
+    if as_json and revoked is not None:
+        print_json(_stored_as_json(revoked, in_force=set()))
     else:
         typer.echo(f"revoked {zero_id}")
 

@@ -9,10 +9,9 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from alignment.errors import TruewheelError
-from db.records import ZeroRecord
-from station.configuration.vehicle_types import VehicleType
 from station.cycle.judging import evaluate
 from station.cycle.positions import WheelPosition, WheelResult, fault
+from station.cycle.under_way import CycleUnderWay
 from station.cycle.verdict import Status, combined
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import ErrorCode, LiveAngles, LiveState
@@ -37,12 +36,10 @@ class Adjusting:
     ----------
     threads
         Of the positions.
+    cycle
+        Its zero measurements correct, and the limits of its vehicle type say inside or outside.
     positions
-        Armed.
-    zeros
-        Zero measurements in force.
-    kind
-        Its limits say inside or outside.
+        Those of the cycle that are armed.
     coverage_factor
         k of the expanded uncertainty.
     line
@@ -61,17 +58,16 @@ class Adjusting:
     def __init__(
         self,
         threads: WheelThreads,
+        cycle: CycleUnderWay,
         positions: Sequence[WheelPosition],
-        zeros: Sequence[ZeroRecord],
-        kind: VehicleType,
         coverage_factor: float,
         line: LiveLine,
         clock: Callable[[], float],
         last_s: float,
     ) -> None:
         self._threads = threads
-        self._zeros = zeros
-        self._kind = kind
+        assert cycle.kind is not None
+        self._zeros, self._kind = cycle.zeros, cycle.kind
         self._coverage_factor = coverage_factor
         self._line = line
         self._clock = clock

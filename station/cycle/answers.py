@@ -19,9 +19,6 @@ from station.cycle.judging import SIDES, Evaluation, JudgedWheel, axle_of
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
 
-# Ends the method of a wheel that was measured with one head lost.
-_DEGRADED = "/degraded"
-
 
 def wheel_records(evaluation: Evaluation) -> tuple[WheelRecord, ...]:
     """Return the records of all wheels."""
@@ -90,7 +87,7 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         camber_u=None if found is None else found.camber_u,
         toe_u=None if found is None else found.toe_u,
         coverage_factor=evaluation.coverage_factor,
-        method=None if found is None else found.method + (_DEGRADED if found.degraded else ""),
+        method=None if found is None else found.method,
         calibration_id=result.calibration_id,
         zero_measurement_id=result.zero_id,
         reason_code=None if failure is None else failure.reason_code,
@@ -110,6 +107,7 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         warning=None if found is None else found.warning,
         camber_unseen=unseen[0],
         toe_unseen=unseen[1],
+        degraded=None if found is None else bool(found.degraded),
     )
 
 
@@ -159,7 +157,7 @@ def _wheel_answer(wheel: WheelRecord, standing: Standing) -> WheelAnswer:
         toe_deg=_degrees(wheel.toe),
         camber_u95_deg=_expanded_deg(wheel.camber_u, k),
         toe_u95_deg=_expanded_deg(wheel.toe_u, k),
-        quality=Quality.DEGRADED if (wheel.method or "").endswith(_DEGRADED) else Quality.FULL,
+        quality=Quality.DEGRADED if wheel.degraded else Quality.FULL,
         residual_mm=wheel.residual_rms_mm,
     )
 

@@ -1,27 +1,25 @@
 """Results that the line was told and did not acknowledge: found again after a restart of the station.
 
-What became of a cycle's results is an event of the database: it is only ever added, and its UUID is made of
-the cycle's and of what became of it. So it is found without a search, whatever the clocks said meanwhile.
+What became of a cycle's results is an event of the database: it is only ever added, names the cycle, and has
+a UUID made of the cycle's and of what became of it. So it is stored once, and found whatever the clocks said.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 from uuid import UUID, uuid5
 
 from db.records import CycleOutcome, CycleRecord, EventRecord, StoredCycle
 from station.cycle.answers import Standing
+from station.cycle.under_way import NO_TROUBLE, Trouble
 from station.cycle.words import StationState
-
-# Of each code the newest few: the last cycle's are among them.
-_NEWEST = 20
 
 
 class Closing(enum.StrEnum):
-    """Event codes that say what became of a cycle's results; the event's text begins with the cycle.
+    """Event codes that say what became of a cycle's results.
 
     OFFERED: the commit was confirmed in time, and the line is told what is stored. Without it nobody knows
     after a restart what the line was told, so it can have been nothing but a fault. ACKNOWLEDGED: the
@@ -39,7 +37,7 @@ class Closing(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Held:
-    """Results that wait for their acknowledgement: of which start and cycle, and the state after it.
+    """Results that wait for their acknowledgement: of which start and cycle, the state after it, and why.
 
     `cycle` is None when no record of one is in the database.
     """
@@ -47,6 +45,7 @@ class Held:
     sequence: int
     cycle: UUID | None
     after: StationState
+    trouble: Trouble = NO_TROUBLE
 
 
 class History(Protocol):
@@ -56,14 +55,8 @@ class History(Protocol):
         """Return the last cycles of a station, newest first."""
         ...
 
-    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
-        """Return those of these events that are stored."""
-        ...
-
-    def recent_events(
-        self, n: int, station: str | None = None, codes: Sequence[str] = ()
-    ) -> tuple[EventRecord, ...]:
-        """Return the last events of a station, of each code so many, newest first."""
+    def cycle_events(self, cycle: UUID, codes: Sequence[str]) -> tuple[EventRecord, ...]:
+        """Return the newest event of each of these codes that is of this cycle."""
         ...
 
 
@@ -73,7 +66,7 @@ def closing_id(cycle: UUID, how: Closing) -> UUID:
 
 
 def closing_text(cycle: UUID, sequence: int) -> str:
-    """Return the text of a closing event."""
+    """Return the text of a closing event, for people."""
     return f"{cycle}: results of start {sequence}"
 
 
@@ -106,9 +99,4 @@ def _last_cycle(history: History, station: str) -> CycleRecord | None:
 
 def _closings(history: History, record: CycleRecord) -> set[str]:
     """Codes of the events of this cycle."""
-    found = {event.code for event in history.stored_events([closing_id(record.uuid, how) for how in Closing])}
-    if found:
-        return found
-    # Earlier programs named the cycle in the text alone.
-    events = history.recent_events(_NEWEST, record.station, tuple(Closing))
-    return {event.code for event in events if event.text.startswith(str(record.uuid))}
+    return {event.code for event in history.cycle_events(record.uuid, tuple(Closing))}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from alignment.vehicle.axles import (
     AxleAngles,
@@ -94,6 +94,11 @@ class Evaluation:
         """Why wheels have no angles."""
         found = (wheel.result.failure for wheel in self.wheels)
         return tuple(failure for failure in found if failure is not None)
+
+    def without_images(self) -> Evaluation:
+        """Return the same, to be kept."""
+        wheels = tuple(replace(wheel, result=wheel.result.without_images()) for wheel in self.wheels)
+        return replace(self, wheels=wheels)
 
 
 def axle_of(wheel: str) -> str:

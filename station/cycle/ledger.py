@@ -161,10 +161,13 @@ class Ledger:
         self._thread.call(self._contradict, record, told, [])
         return told, standing
 
-    def note(self, severity: Severity, code: str, text: str) -> bool:
-        """Record an event; false when the database did not take it, which the next commit will meet too."""
+    def note(self, severity: Severity, code: str, text: str, cycle: UUID | None = None) -> bool:
+        """Record an event, of a cycle if it is of one; false when the database did not take it.
+
+        The next commit will meet what kept it from that, too.
+        """
         try:
-            self._thread.call(self._store.record_event, self._event(severity, code, text))
+            self._thread.call(self._store.record_event, self._event(severity, code, text, cycle))
         except StoreError as error:
             _LOG.error("event %s was not stored: %s (%s)", code, text, error)
             return False
@@ -187,18 +190,25 @@ class Ledger:
                 "not stored" if self._store.cycle(record.uuid) is None else f"stored as '{record.outcome}'"
             )
             text = f"{closing_text(record.uuid, record.trigger_sequence)} are {found}; {told.reason_text}"
-            identity = closing_id(record.uuid, how)
-            event.append(self._event(Severity.WARNING, how, f"{text}; see cycle {told.uuid}", identity))
+            said = self._event(Severity.WARNING, how, f"{text}; see cycle {told.uuid}", record.uuid)
+            event.append(replace(said, uuid=closing_id(record.uuid, how)))
         self._store.write_cycle(told)
         self._store.record_event(event[0])
 
     def _closing(self, cycle: UUID, sequence: int, how: Closing) -> EventRecord:
         taken = how in (Closing.OFFERED, Closing.ACKNOWLEDGED)
         severity = Severity.INFO if taken else Severity.WARNING
-        return self._event(severity, how, closing_text(cycle, sequence), closing_id(cycle, how))
+        event = self._event(severity, how, closing_text(cycle, sequence), cycle)
+        return replace(event, uuid=closing_id(cycle, how))
 
-    def _event(self, severity: Severity, code: str, text: str, uuid: UUID | None = None) -> EventRecord:
-        event = EventRecord(
-            self._now(), self._identity.station, severity, "station.cycle", code, text, self._clock()
+    def _event(self, severity: Severity, code: str, text: str, cycle: UUID | None = None) -> EventRecord:
+        return EventRecord(
+            self._now(),
+            self._identity.station,
+            severity,
+            "station.cycle",
+            code,
+            text,
+            self._clock(),
+            cycle_uuid=cycle,
         )
-        return event if uuid is None else replace(event, uuid=uuid)

@@ -14,39 +14,29 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import datetime, timedelta
 from pathlib import Path
-from uuid import UUID
 
 from alignment.errors import InputError, LineError, StoreError
-from db.records import CycleRecord, Severity, ZeroRecord
+from db.records import CycleRecord, Severity
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.adjusting import Adjusting
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
 from station.cycle.held import Closing, Held
-from station.cycle.judging import axle_of, evaluate
+from station.cycle.judging import Evaluation, axle_of, evaluate
 from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.cycle.positions import (
-    ABORTED,
-    Failure,
-    WheelPosition,
-    WheelResult,
-    fault,
-    result_of,
-    utc_now,
-)
+from station.cycle.positions import Failure, WheelPosition, fault, result_of, utc_now
 from station.cycle.record import cycle_record
 from station.cycle.states import StateMachine
+from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import (
     Abort,
     Acknowledge,
-    Command,
     ErrorCode,
     Mode,
-    Outcome,
     Prepare,
     Reset,
     StationState,
@@ -62,6 +52,9 @@ _LOG = logging.getLogger("truewheel.station")
 
 class MeasuringCycle:
     """Serves triggers, one at a time. All methods are called from one thread.
+
+    It keeps what lives longer than a cycle: its state and why it stands there, results that wait for their
+    acknowledgement, what is owed to the database. What is of one cycle is in a `CycleUnderWay`.
 
     Parameters
     ----------
@@ -112,12 +105,9 @@ class MeasuringCycle:
         self._clock = clock
         self._now = now
         self._machine = StateMachine(self._entered)
-        self._error = ErrorCode.NONE
-        self._fault_wheel: str | None = None
+        self._trouble = NO_TROUBLE
         self._held: Held | None = None
-        self._interruption: Command | None = None
         self._stopping = threading.Event()
-        self._measured_s = 0.0
         self._wheel_threads = WheelThreads(self._positions)
         self._images = (
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
@@ -166,7 +156,7 @@ class MeasuringCycle:
             while not stopping.is_set():
                 self.step(5 * POLL_S)
         except BaseException:
-            self._error = ErrorCode.INTERNAL_FAULT
+            self._trouble = Trouble(ErrorCode.INTERNAL_FAULT)
             if self.state is StationState.FAULT:
                 self._entered(StationState.FAULT)
             else:
@@ -177,6 +167,7 @@ class MeasuringCycle:
         """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
         self._provoked.flush_due()
         self._ledger.look()
+        self._wheel_threads.look()
         for text in self._watch.news(self._clock()):
             _LOG.error("%s", text)
             self._note(Severity.ERROR, "thread_failed", text)
@@ -199,66 +190,58 @@ class MeasuringCycle:
             self._line.refuse(trigger.sequence, code)
             self._provoked.say((Severity.WARNING, str(code)), f"start {trigger} was refused")
             return None
-        self._interruption = None
-        self._error, self._fault_wheel = ErrorCode.NONE, None
         received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
-        self._machine.enter(StationState.ARMED)
+        positions = [self._positions[wheel] for wheel in trigger.wheels]
         if trigger.mode is Mode.CALIBRATE:
-            self._record_images(trigger)
+            self._record_images(CycleUnderWay(trigger, received_utc, positions, None))
             return None
-        kind = self._vehicle_types[trigger.vehicle_type]
-        results = self._measured([self._positions[wheel] for wheel in trigger.wheels], trigger)
-        self._measured_s = self._clock()
-        self._machine.enter(StationState.EVALUATING)
-        evaluation = evaluate(kind, results, self._coverage_factor)
-        self._poll(trigger)
-        record, self._error, self._fault_wheel = cycle_record(
-            self._identity,
-            trigger,
-            kind,
-            evaluation,
-            self._interruption,
-            received_utc=received_utc,
-            measured_s=self._measured_s,
-        )
-        self._machine.enter(StationState.STORING)
-        committed_s = self._commit(trigger, record)
-        self._poll(trigger)
-        self._machine.enter(StationState.REPORTING)
-        told, cycle = self._tell(record, committed_s)
-        report = CycleReport(trigger, record, evaluation, committed_s, told)
+        cycle = CycleUnderWay(trigger, received_utc, positions, self._vehicle_types[trigger.vehicle_type])
+        self._enter(StationState.ARMED)
+        self._measure(cycle)
+        self._enter(StationState.EVALUATING)
+        evaluation, record = self._judge(cycle)
+        self._enter(StationState.STORING, cycle.trouble)
+        self._commit(cycle, record)
+        self._enter(StationState.REPORTING, cycle.trouble)
+        self._tell(cycle, record)
+        report = CycleReport(trigger, record, evaluation, cycle.committed_s, cycle.told)
         self._observer.cycle_done(report)
-        self._drain()
-        after = StationState.FAULT if self._needs_reset(report) else StationState.IDLE
-        if told is not None:
-            self._held = Held(trigger.sequence, cycle, after)
-            self._await_acknowledgement()
-            return report
-        # Nobody will take over what nobody was told.
-        if not self._ledger.end(cycle, trigger.sequence, Closing.DISCARDED):
-            self._error, after = ErrorCode.STORE_FAULT, StationState.FAULT
-        self._machine.enter(after)
-        if isinstance(self._interruption, Reset):
-            self._recover()
+        self._end(cycle, evaluation)
         return report
 
-    def _record_images(self, trigger: Trigger) -> None:
+    def _end(self, cycle: CycleUnderWay, evaluation: Evaluation) -> None:
+        """Hold results that were told until they are acknowledged, and be ready again or not."""
+        self._drain(cycle)
+        after = StationState.FAULT if self._needs_reset(cycle, evaluation) else StationState.IDLE
+        if cycle.told is not None:
+            self._held = Held(cycle.sequence, cycle.last_word, after, cycle.trouble)
+            self._await_acknowledgement()
+            return
+        # Nobody will take over what nobody was told.
+        if not self._ledger.end(cycle.last_word, cycle.sequence, Closing.DISCARDED):
+            cycle.trouble, after = Trouble(ErrorCode.STORE_FAULT), StationState.FAULT
+        self._enter(after, cycle.trouble)
+        if cycle.forgotten:
+            self._recover()
+
+    def _record_images(self, cycle: CycleUnderWay) -> None:
         """Record images of the calibration plate; nothing is judged, so there is no record of a cycle."""
         assert self._images is not None
-        self._machine.enter(StationState.MEASURING)
-        positions = [self._positions[wheel] for wheel in trigger.wheels]
-        answers, self._error, text = self._images.record(positions, trigger.sequence, self._now())
-        self._machine.enter(StationState.EVALUATING)
-        self._machine.enter(StationState.STORING)
-        self._note(Severity.INFO if self._error is ErrorCode.NONE else Severity.ERROR, "images", text)
-        self._machine.enter(StationState.REPORTING)
-        after = StationState.IDLE if self._error is ErrorCode.NONE else StationState.FAULT
-        if self._poll(trigger) and isinstance(self._interruption, Reset):
-            self._machine.enter(after)
+        self._enter(StationState.ARMED)
+        self._enter(StationState.MEASURING)
+        answers, text = self._images.record(cycle)
+        failed = cycle.trouble.code is not ErrorCode.NONE
+        self._enter(StationState.EVALUATING, cycle.trouble)
+        self._enter(StationState.STORING, cycle.trouble)
+        self._note(Severity.ERROR if failed else Severity.INFO, "images", text)
+        self._enter(StationState.REPORTING, cycle.trouble)
+        after = StationState.FAULT if failed else StationState.IDLE
+        if self._poll(cycle) and cycle.forgotten:
+            self._enter(after, cycle.trouble)
             self._recover()
             return
-        self._line.send_results(trigger.sequence, answers)
-        self._held = Held(trigger.sequence, None, after)
+        self._line.send_results(cycle.sequence, answers)
+        self._held = Held(cycle.sequence, None, after, cycle.trouble)
         self._await_acknowledgement()
 
     def _prepare(self, prepare: Prepare) -> None:
@@ -288,107 +271,114 @@ class MeasuringCycle:
             return None
         return ErrorCode.WHEEL_NOT_AVAILABLE
 
-    def _measured(self, positions: Sequence[WheelPosition], trigger: Trigger) -> tuple[WheelResult, ...]:
-        """Arm, shoot and measure; one result for each position, whatever happens."""
+    def _measure(self, cycle: CycleUnderWay) -> None:
+        """Arm, shoot and measure; whatever happens, `cycle.wheels` has a result of each position."""
+        self._measure_wheels(cycle)
+        cycle.measured_s = self._clock()
+
+    def _measure_wheels(self, cycle: CycleUnderWay) -> None:
         try:
             # Asked for at every start, so that a revoked zero measurement corrects nothing any more.
-            installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in positions]
-            zeros = self._ledger.zeros(installed)
+            installed = [(p.in_force.calibration.rig, p.in_force.calibration.id) for p in cycle.positions]
+            cycle.zeros = self._ledger.zeros(installed)
         except StoreError as error:
-            return tuple(p.failed(fault(ErrorCode.STORE_FAULT, f"{p.name}: {error}")) for p in positions)
-        failures = self._arm(positions)
-        results = {p.name: p.failed(failures[p.name]) for p in positions if p.name in failures}
-        armed = [position for position in positions if position.name not in failures]
-        if trigger.mode is Mode.ADJUST and len(armed) > 0 and not self._poll(trigger):
-            for position in self._adjust(armed, zeros, trigger):
-                results[position.name] = position.late(self._bounds.measure_s)
+            failed = {p.name: fault(ErrorCode.STORE_FAULT, f"{p.name}: {error}") for p in cycle.positions}
+            cycle.take({p.name: p.failed(failed[p.name]) for p in cycle.positions})
+            return
+        failures = self._arm(cycle.positions)
+        cycle.take({p.name: p.failed(failures[p.name]) for p in cycle.positions if p.name in failures})
+        armed = [position for position in cycle.positions if position.name not in failures]
+        if cycle.trigger.mode is Mode.ADJUST and len(armed) > 0 and not self._poll(cycle):
+            for position in self._adjust(cycle, armed):
+                cycle.take({position.name: position.late(self._bounds.measure_s)})
                 armed.remove(position)
-        if armed and not self._poll(trigger):
-            self._machine.enter(StationState.MEASURING)
-            results |= self._run_wheels(armed, zeros, trigger)
-        return tuple(results.get(p.name) or p.failed(ABORTED) for p in positions)
+        if armed and not self._poll(cycle):
+            self._enter(StationState.MEASURING)
+            self._run_wheels(cycle, armed)
 
-    def _adjust(
-        self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
-    ) -> tuple[WheelPosition, ...]:
+    def _adjust(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> tuple[WheelPosition, ...]:
         """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle.
 
         Returns the positions whose last shot does not end.
         """
-        self._machine.enter(StationState.ADJUSTING)
-        kind, k = self._vehicle_types[trigger.vehicle_type], self._coverage_factor
+        self._enter(StationState.ADJUSTING)
         deadline, last_s = self._clock() + self._bounds.adjust_s, self._bounds.measure_s
         with Adjusting(
-            self._wheel_threads, positions, zeros, kind, k, self._line, self._clock, last_s
+            self._wheel_threads, cycle, positions, self._coverage_factor, self._line, self._clock, last_s
         ) as adjusting:
-            while self._interruption is None:
+            while not cycle.interrupted:
                 adjusting.step(POLL_S)
                 command = self._line.next_command(0.0)
-                if isinstance(command, Stop) and command.sequence == trigger.sequence:
+                if isinstance(command, Stop) and command.sequence == cycle.sequence:
                     break
                 stopping = self._stopping.is_set()
-                if not self._interrupt(command, trigger) and (stopping or self._clock() >= deadline):
-                    self._interruption = Abort(trigger.sequence, ErrorCode.ADJUST_TIMEOUT)
+                if not cycle.heed(command) and (stopping or self._clock() >= deadline):
+                    cycle.heed(Abort(cycle.sequence, ErrorCode.ADJUST_TIMEOUT))
         if self._stopping.is_set():
-            text = f"adjusting of start {trigger.sequence} was ended: the station was told to stop"
-            self._note(Severity.WARNING, "stopping", text)
+            text = f"adjusting of start {cycle.sequence} was ended: the station was told to stop"
+            self._note(Severity.WARNING, "stopping", text, cycle)
         # Adjusting has armed them for another shot each time; once more for the one that counts.
         self._arm([position for position in positions if position not in adjusting.late])
         return adjusting.late
 
-    def _run_wheels(
-        self, positions: Sequence[WheelPosition], zeros: Sequence[ZeroRecord], trigger: Trigger
-    ) -> dict[str, WheelResult]:
-        results: dict[str, WheelResult] = {}
-        running = {self._wheel_threads.submit(p.name, p.run, zeros): p for p in positions}
+    def _run_wheels(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> None:
+        running = {self._wheel_threads.submit(p.name, p.run, cycle.zeros): p for p in positions}
         deadline = self._clock() + self._bounds.measure_s
-        while running and not self._poll(trigger) and self._clock() < deadline:
+        while running and not self._poll(cycle) and self._clock() < deadline:
             done, _ = wait(running, POLL_S, FIRST_COMPLETED)
             for future in done:
                 result = result_of(future, running.pop(future))
-                results[result.wheel] = result
+                cycle.take({result.wheel: result})
                 self._observer.wheel_done(result)
         self._wheel_threads.leave(running)
-        if self._interruption is None:
-            results |= {position.name: position.late(self._bounds.measure_s) for position in running.values()}
-        return results
+        if not cycle.interrupted:
+            cycle.take({p.name: p.late(self._bounds.measure_s) for p in running.values()})
 
-    def _commit(self, trigger: Trigger, record: CycleRecord) -> float | None:
-        """Store the record; the time of the commit, or None when it is not certain that there was one."""
-        checks = master_checks(record) if trigger.mode is Mode.MASTER_CHECK else ()
-        if trigger.mode is Mode.MASTER_CHECK and (why := unfit_master(record)) is not None:
-            self._note(Severity.WARNING, "no_master", why)
-        committed_s = self._ledger.commit(record, checks)
-        if committed_s is None:
-            self._error = ErrorCode.STORE_FAULT
-        return committed_s
+    def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
+        """Judge by the limits of the vehicle type, and make the record."""
+        assert cycle.kind is not None
+        evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor)
+        self._poll(cycle)
+        record, cycle.trouble = cycle_record(self._identity, cycle, evaluation)
+        return evaluation, record
 
-    def _tell(self, record: CycleRecord, committed_s: float | None) -> tuple[Outcome | None, UUID]:
-        """Tell the line what is stored, or that nothing is; what it was told, and the cycle that says so."""
-        sequence = record.trigger_sequence
-        standing = Standing.COMMITTED if committed_s is not None else Standing.NOT_COMMITTED
+    def _commit(self, cycle: CycleUnderWay, record: CycleRecord) -> None:
+        """Store the record; there is no time of the commit when it is not certain that there was one."""
+        is_master = cycle.trigger.mode is Mode.MASTER_CHECK
+        checks = master_checks(record) if is_master else ()
+        if is_master and (why := unfit_master(record)) is not None:
+            self._note(Severity.WARNING, "no_master", why, cycle)
+        cycle.committed_s = self._ledger.commit(record, checks)
+        if cycle.committed_s is None:
+            cycle.trouble = Trouble(ErrorCode.STORE_FAULT)
+        self._poll(cycle)
+
+    def _tell(self, cycle: CycleUnderWay, record: CycleRecord) -> None:
+        """Tell the line what is stored, or that nothing is."""
+        committed = cycle.committed_s is not None
+        standing = Standing.COMMITTED if committed else Standing.NOT_COMMITTED
         why = f"the commit was not confirmed within {self._bounds.store_s:g} s"
-        if self._interruption is not None:
-            standing, why = Standing.ABORTED, f"the line sent {self._interruption}"
-        cycle = self._ledger.tell(record, standing, committed=committed_s is not None, why=why)
-        if committed_s is not None and self._ledger.owes and not self._ledger.settle():
+        if cycle.interrupted:
+            standing, why = Standing.ABORTED, f"the line sent {cycle.interruption}"
+        cycle.last_word = self._ledger.tell(record, standing, committed=committed, why=why)
+        if committed and self._ledger.owes and not self._ledger.settle():
             # After a restart the cycle alone would be believed.
-            self._error = ErrorCode.STORE_FAULT
-        if isinstance(self._interruption, Reset):
+            cycle.trouble = Trouble(ErrorCode.STORE_FAULT)
+        if cycle.forgotten:
             # The line forgot this vehicle; its number may be in use again.
-            return None, cycle
+            return
         answers = answers_of(record, standing)
         try:
-            told = self._line.send_results(sequence, answers.wheels, answers.axles, answers.vehicle)
+            cycle.told = self._line.send_results(
+                cycle.sequence, answers.wheels, answers.axles, answers.vehicle
+            )
         except (LineError, InputError) as error:
-            _LOG.error("results of cycle %s were not sent: %s", record.uuid, error)
-            self._note(Severity.ERROR, "not_reported", f"cycle {record.uuid}: {error}")
-            self._error = ErrorCode.LINE_FAULT
+            _LOG.error("results of cycle %s were not sent: %s", cycle.uuid, error)
+            self._note(Severity.ERROR, "not_reported", f"cycle {cycle.uuid}: {error}", cycle)
+            cycle.trouble = Trouble(ErrorCode.LINE_FAULT)
             if standing is Standing.COMMITTED:
                 why = f"its results were not sent: {error}"
-                cycle = self._ledger.tell(record, Standing.NOT_COMMITTED, committed=True, why=why)
-            return None, cycle
-        return told, cycle
+                cycle.last_word = self._ledger.tell(record, Standing.NOT_COMMITTED, committed=True, why=why)
 
     def _offer_again(self) -> None:
         """Hold the last cycle's results when the program ended before the line acknowledged them."""
@@ -405,47 +395,43 @@ class MeasuringCycle:
     def _await_acknowledgement(self) -> None:
         """Wait for a while here, so that a cycle ends in one step; the results stay held beyond it."""
         assert self._held is not None
-        sequence = self._held.sequence
+        held = self._held
         deadline = self._clock() + self._bounds.acknowledge_s
         while not self._stopping.is_set() and (remaining := deadline - self._clock()) > 0:
             command = self._line.next_command(min(remaining, 5 * POLL_S))
-            if isinstance(command, Acknowledge) and command.sequence == sequence:
+            if isinstance(command, Acknowledge) and command.sequence == held.sequence:
                 self._close_held(Closing.ACKNOWLEDGED)
                 return
             if isinstance(command, Reset):
                 self._recover()
                 return
-        self._note(
-            Severity.WARNING,
-            str(ErrorCode.NOT_ACKNOWLEDGED),
-            f"results of start {sequence} were not acknowledged within {self._bounds.acknowledge_s:g} s and "
-            "are held",
-        )
+        bound_s = self._bounds.acknowledge_s
+        text = f"results of start {held.sequence} were not acknowledged within {bound_s:g} s and are held"
+        self._ledger.note(Severity.WARNING, str(ErrorCode.NOT_ACKNOWLEDGED), text, held.cycle)
 
     def _close_held(self, how: Closing) -> None:
         """Record what became of the held results, and go on; without that record the station is not ready."""
         held, self._held = self._held, None
         assert held is not None
-        after = held.after
         stored = held.cycle is None or self._ledger.end(held.cycle, held.sequence, how)
-        if not stored and after is not StationState.FAULT:
-            self._error, self._fault_wheel, after = ErrorCode.STORE_FAULT, None, StationState.FAULT
-        self._machine.enter(after)
+        if stored or held.after is StationState.FAULT:
+            self._enter(held.after, held.trouble)
+        else:
+            self._enter(StationState.FAULT, Trouble(ErrorCode.STORE_FAULT))
 
-    def _needs_reset(self, report: CycleReport) -> bool:
-        not_told = report.told is None and not isinstance(self._interruption, Reset)
+    def _needs_reset(self, cycle: CycleUnderWay, evaluation: Evaluation) -> bool:
         return (
-            report.committed_s is None
-            or not_told
+            cycle.committed_s is None
+            or (cycle.told is None and not cycle.forgotten)
             or self._wheel_threads.left
             or self._ledger.owes
-            or any(failure.needs_reset for failure in report.evaluation.failures)
+            or any(failure.needs_reset for failure in evaluation.failures)
         )
 
-    def _drain(self) -> None:
+    def _drain(self, cycle: CycleUnderWay) -> None:
         """After an abort, wait for the wheels that were left behind: their cameras are still in use."""
-        if self._interruption is not None and not self._wheel_threads.drain(self._bounds.measure_s):
-            self._error = ErrorCode.CYCLE_TIMEOUT
+        if cycle.interrupted and not self._wheel_threads.drain(self._bounds.measure_s):
+            cycle.trouble = Trouble(ErrorCode.CYCLE_TIMEOUT)
 
     def _recover(self) -> None:
         """Leave the fault if what failed is back; held results are given up."""
@@ -456,38 +442,34 @@ class MeasuringCycle:
             return
         if self._wheel_threads.left:
             # Their cameras are in use, and are not to be touched from here.
-            self._error = ErrorCode.CYCLE_TIMEOUT
+            self._trouble = Trouble(ErrorCode.CYCLE_TIMEOUT)
         elif failures := self._wheel_threads.each(
             {position.name: position.rig.connect for position in self._positions.values()},
             self._bounds.measure_s,
         ):
-            self._error = ErrorCode.CAMERA_FAULT
+            self._trouble = Trouble(ErrorCode.CAMERA_FAULT, next(iter(failures)))
             text = "; ".join(failure.text for failure in failures.values())
-            self._provoked.say((Severity.ERROR, str(self._error)), text)
+            self._provoked.say((Severity.ERROR, str(self._trouble.code)), text)
         elif not (self._ledger.settle() and self._note(Severity.INFO, "reset", "the line reset the station")):
-            self._error = ErrorCode.STORE_FAULT
+            self._trouble = Trouble(ErrorCode.STORE_FAULT)
         else:
-            self._machine.enter(StationState.IDLE)
+            self._enter(StationState.IDLE)
             return
         self._entered(StationState.FAULT)
 
-    def _poll(self, trigger: Trigger) -> bool:
-        """Look for an abort of this trigger or a reset; true when the cycle is to end."""
-        if self._interruption is None:
-            self._interrupt(self._line.next_command(0.0), trigger)
-        return self._interruption is not None
+    def _poll(self, cycle: CycleUnderWay) -> bool:
+        """Look for an abort of this cycle or a reset; true when the cycle is to end."""
+        return cycle.interrupted or cycle.heed(self._line.next_command(0.0))
 
-    def _interrupt(self, command: Command | None, trigger: Trigger) -> bool:
-        of_this = isinstance(command, Abort) and command.sequence == trigger.sequence
-        if of_this or isinstance(command, Reset):
-            self._interruption = command
-        return self._interruption is not None
+    def _enter(self, state: StationState, trouble: Trouble = NO_TROUBLE) -> None:
+        self._trouble = trouble
+        self._machine.enter(state)
 
     def _entered(self, state: StationState) -> None:
         if state is StationState.IDLE:
-            self._error, self._fault_wheel = ErrorCode.NONE, None
-        self._line.publish(StationStatus(state, self._error, self._fault_wheel))
+            self._trouble = NO_TROUBLE
+        self._line.publish(StationStatus(state, self._trouble.code, self._trouble.wheel))
         self._observer.entered(state)
 
-    def _note(self, severity: Severity, code: str, text: str) -> bool:
-        return self._ledger.note(severity, code, text)
+    def _note(self, severity: Severity, code: str, text: str, cycle: CycleUnderWay | None = None) -> bool:
+        return self._ledger.note(severity, code, text, None if cycle is None else cycle.uuid)

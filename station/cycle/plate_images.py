@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
-from datetime import datetime
 from pathlib import Path
 
 from alignment.errors import TruewheelError
 from sensors.formats.shot import write_shot
 from station.cycle.ports import Bounds
 from station.cycle.positions import WheelPosition
+from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import ErrorCode, Outcome, WheelAnswer
 
@@ -41,11 +40,10 @@ class CalibrationImages:
         self._threads = threads
         self._measure_s = bounds.measure_s
 
-    def record(
-        self, positions: Sequence[WheelPosition], sequence: int, now: datetime
-    ) -> tuple[tuple[WheelAnswer, ...], ErrorCode, str]:
-        """Shoot and write; the answers, the error code of the first failure, and what to put down of it."""
-        start = _Start(self._folder / f"{now:%Y-%m-%dT%H-%M-%S}-{sequence:03d}")
+    def record(self, cycle: CycleUnderWay) -> tuple[tuple[WheelAnswer, ...], str]:
+        """Shoot and write; the answers, and what to put down of it. A failure is the cycle's trouble."""
+        positions = cycle.positions
+        start = _Start(self._folder / f"{cycle.received_utc:%Y-%m-%dT%H-%M-%S}-{cycle.sequence:03d}")
         folder = start.folder
         futures = {self._threads.submit(p.name, self._one, p, start): p for p in positions}
         wait_for(futures, self._measure_s)
@@ -65,8 +63,8 @@ class CalibrationImages:
             WheelAnswer(p.name, Outcome.FAULT if p.name in failed else Outcome.RECORDED) for p in positions
         )
         text = "; ".join(f"{wheel}: {reason}" for _, wheel, reason in failures)
-        code = failures[0][0] if failures else ErrorCode.NONE
-        return answers, code, f"images of {len(positions) - len(failed)} rigs in {folder}. {text}".strip()
+        cycle.trouble = Trouble(*failures[0][:2]) if failures else NO_TROUBLE
+        return answers, f"images of {len(positions) - len(failed)} rigs in {folder}. {text}".strip()
 
     def _one(self, position: WheelPosition, start: _Start) -> None:
         position.rig.arm()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 from uuid import UUID
 
@@ -98,14 +98,8 @@ class Store(Protocol):
         """Return the last cycles, newest first; of one station when it is named."""
         ...
 
-    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
-        """Return those of these events that are stored."""
-        ...
-
-    def recent_events(
-        self, n: int, station: str | None = None, codes: Sequence[str] = ()
-    ) -> tuple[EventRecord, ...]:
-        """Return the last events, newest first; of one station and of each code so many when named."""
+    def cycle_events(self, cycle: UUID, codes: Sequence[str]) -> tuple[EventRecord, ...]:
+        """Return the newest event of each of these codes that is of this cycle."""
         ...
 
     def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
@@ -137,7 +131,7 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class CycleReport:
-    """One cycle as it ended.
+    """One cycle as it ended. Its results hold the images: who keeps it keeps it `without_images`.
 
     Attributes
     ----------
@@ -153,9 +147,16 @@ class CycleReport:
     committed_s: float | None
     told: Outcome | None
 
+    def without_images(self) -> CycleReport:
+        """Return the same, to be kept."""
+        return replace(self, evaluation=self.evaluation.without_images())
+
 
 class Observer:
-    """Watches the cycle; does nothing unless overridden. Called in the cycle's thread, so be quick."""
+    """Watches the cycle; does nothing unless overridden.
+
+    Called in the cycle's thread, so be quick; what is shown holds images, so keep nothing of it with them.
+    """
 
     def entered(self, state: StationState) -> None:
         """Look at a new state."""

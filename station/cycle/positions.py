@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
@@ -133,6 +133,9 @@ class WheelResult:
     ----------
     calibration_id, calibration_valid
         The calibration it rests on, and whether that was in force.
+    shot
+        The images it was measured in, or refused for; None when there are none, or none of this calibration.
+        Tens of megabytes: who keeps a result keeps it `without_images`.
     measured_utc, device_time_s
         Time of the images, and of the first camera's own clock; None when there are none.
     duration_s
@@ -150,6 +153,11 @@ class WheelResult:
     device_time_s: float | None = None
     duration_s: float | None = None
     zero_id: str | None = None
+    shot: WheelShot | None = None
+
+    def without_images(self) -> WheelResult:
+        """Return the same, to be kept."""
+        return replace(self, shot=None)
 
 
 class WheelPosition:
@@ -186,8 +194,6 @@ class WheelPosition:
         self._measure = measure
         self._settings = settings
         self._shoot_timeout_s = shoot_timeout_s
-        # The images of the newest cycle, for the archive; None when there are none.
-        self.last_shot: WheelShot | None = None
         self._clock = clock
         self._now = now
 
@@ -211,7 +217,6 @@ class WheelPosition:
 
         Of the zero measurements in force the one of this rig and calibration corrects the angles.
         """
-        self.last_shot = None
         calibration = self.in_force.calibration
         if not self.in_force.valid_at(self._now()):
             return self.failed(
@@ -223,7 +228,7 @@ class WheelPosition:
                 )
             )
         try:
-            shot = self.last_shot = self.rig.shoot(self._shoot_timeout_s)
+            shot = self.rig.shoot(self._shoot_timeout_s)
         except TruewheelError as error:
             return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         try:
@@ -247,6 +252,7 @@ class WheelPosition:
             device_time_s=shot.frames[0].device_time_s,
             duration_s=duration,
             zero_id=None if zero is None or measurement is None else zero.id,
+            shot=shot,
         )
 
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:

@@ -2,78 +2,65 @@
 
 from __future__ import annotations
 
-from datetime import datetime
-from uuid import uuid4
-
 from db.records import CycleOutcome, CycleRecord, VehicleRecord
-from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
 from station.cycle.judging import Evaluation
 from station.cycle.ports import Identity
+from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.verdict import cycle_outcome
-from station.cycle.words import Abort, Command, ErrorCode, Trigger
+from station.cycle.words import Abort, ErrorCode
 
 
 def cycle_record(
-    identity: Identity,
-    trigger: Trigger,
-    kind: VehicleType,
-    evaluation: Evaluation,
-    interruption: Command | None,
-    *,
-    received_utc: datetime,
-    measured_s: float,
-) -> tuple[CycleRecord, ErrorCode, str | None]:
-    """Return the record, the error code that the line is told of the cycle, and the wheel it is about.
+    identity: Identity, cycle: CycleUnderWay, evaluation: Evaluation
+) -> tuple[CycleRecord, Trouble]:
+    """Return the record, and what the line is told of the cycle beside its answers.
 
     Parameters
     ----------
     identity
         Of the program.
-    trigger, kind, evaluation
-        What was asked and what was found.
-    interruption
-        The abort or reset that ended the cycle, if one did.
-    received_utc
-        When the start command came.
-    measured_s
-        When the last wheel was done, monotonic seconds.
+    cycle
+        Measured; its vehicle type is known.
+    evaluation
+        Of its results.
     """
+    assert cycle.kind is not None
     # A part of the station that failed says more than a wheel that was refused.
     failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
-    outcome = cycle_outcome(evaluation.angles, fault=bool(failures), aborted=interruption is not None)
-    error, wheel = ErrorCode.NONE, None
+    outcome = cycle_outcome(evaluation.angles, fault=bool(failures), aborted=cycle.interrupted)
+    trouble = NO_TROUBLE
     code: str | None = None
     text: str | None = None
     if failures:
-        error, code = failures[0].error_code, failures[0].reason_code
-        text = "; ".join(failure.text for failure in failures)
+        code, text = failures[0].reason_code, "; ".join(failure.text for failure in failures)
         wheel = next(w.result.wheel for w in evaluation.wheels if w.result.failure is failures[0])
+        trouble = Trouble(failures[0].error_code, wheel)
     elif outcome is CycleOutcome.FAULT:
-        error = ErrorCode.CALIBRATION_FAULT
-        code, text = str(error), "an angle has no valid calibration behind it"
+        trouble = Trouble(ErrorCode.CALIBRATION_FAULT)
+        code, text = str(trouble.code), "an angle has no valid calibration behind it"
     if outcome is CycleOutcome.ABORTED:
-        code, text = "aborted", f"the line sent {interruption}"
-        if isinstance(interruption, Abort) and interruption.reason is not ErrorCode.NONE:
-            error = interruption.reason
-            text = f"the cycle was ended: {error}"
+        code, text = "aborted", f"the line sent {cycle.interruption}"
+        if isinstance(cycle.interruption, Abort) and cycle.interruption.reason is not ErrorCode.NONE:
+            trouble = Trouble(cycle.interruption.reason, trouble.wheel)
+            text = f"the cycle was ended: {trouble.code}"
     measured_utc = last_measured(evaluation)
     record = CycleRecord(
-        uuid=uuid4(),
+        uuid=cycle.uuid,
         station=identity.station,
-        trigger_sequence=trigger.sequence,
-        received_utc=received_utc,
-        received_monotonic_s=trigger.received_s,
+        trigger_sequence=cycle.sequence,
+        received_utc=cycle.received_utc,
+        received_monotonic_s=cycle.trigger.received_s,
         measured_utc=measured_utc,
-        measured_monotonic_s=None if measured_utc is None else measured_s,
+        measured_monotonic_s=None if measured_utc is None else cycle.measured_s,
         outcome=outcome,
         software_version=identity.software_version,
         config_hash=identity.config_hash,
-        vehicle=VehicleRecord(trigger.vin, kind.name),
+        vehicle=VehicleRecord(cycle.trigger.vin, cycle.kind.name),
         reason_code=code,
         reason_text=text,
         wheels=wheel_records(evaluation),
         axles=axle_records(evaluation),
         vehicle_angles=vehicle_record(evaluation),
     )
-    return record, error, wheel
+    return record, trouble

@@ -36,8 +36,12 @@ class WheelThreads:
     @property
     def left(self) -> bool:
         """Whether anything that was given up still goes on."""
-        self._left = {future for future in self._left if not future.done()}
+        self.look()
         return bool(self._left)
+
+    def look(self) -> None:
+        """Let go what was given up and has ended, with the images that it came with."""
+        self._left = {future for future in self._left if not future.done()}
 
     def submit(self, rig: str, call: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
         """Let a rig's thread make a call; a thread that takes none gives a future that says so."""

@@ -116,7 +116,7 @@ class _Reports(Observer):
         self._wheel_done()
 
     def cycle_done(self, report: CycleReport) -> None:
-        self.cycles.append(report)
+        self.cycles.append(report.without_images())
 
 
 def demo_configuration(configuration: Configuration, database_url: str, can_log: Path) -> Configuration:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -133,7 +133,7 @@ def open_station(
             store.results,
             cycle_bounds(settings),
             settings.measure.coverage_factor,
-            _archiving(archive, whole, observer or Observer()),
+            _archiving(archive, observer or Observer()),
             image_folder=None if images is None else configuration.path(images),
             threads=[*line.threads, *([] if archive is None else [archive.thread])],
         )
@@ -154,11 +154,9 @@ def cycle_bounds(settings: StationConfig) -> Bounds:
     )
 
 
-def _archiving(
-    archive: ImageArchive | None, positions: Sequence[WheelPosition], observer: Observer
-) -> Observer:
+def _archiving(archive: ImageArchive | None, observer: Observer) -> Observer:
     """The observer, with the archive of images before it when there is one."""
-    return observer if archive is None else ArchivingObserver(observer, positions, archive)
+    return observer if archive is None else ArchivingObserver(observer, archive)
 
 
 def bus_settings(configuration: Configuration) -> BusSettings:

@@ -22,7 +22,7 @@ from db.upkeep.retention import Policy, enforce
 from sensors.formats.shot import write_shot
 from sensors.shot import WheelShot
 from station.cycle.ports import CycleReport, Observer
-from station.cycle.positions import WheelPosition, WheelResult, utc_now
+from station.cycle.positions import WheelResult, utc_now
 from station.cycle.words import StationState
 from station.threads.supervised import SupervisedThread
 
@@ -55,7 +55,7 @@ class ImageArchive:
     keep
         All images, or only those of wheels that were not OK.
     note
-        Told in a sentence when images are not archived.
+        Told in a sentence when images are not archived, and of which cycle where it is of one.
     now
         Aware UTC time.
     closing_s
@@ -68,7 +68,7 @@ class ImageArchive:
         folder: Path,
         policy: Policy,
         keep: Literal["all", "evidence"],
-        note: Callable[[str], None],
+        note: Callable[[str, UUID | None], object],
         now: Callable[[], datetime] = utc_now,
         closing_s: float = 10.0,
     ) -> None:
@@ -93,9 +93,8 @@ class ImageArchive:
         self._tell_refused()
         lost = self._waiting.unfinished_tasks
         if lost:
-            self._note(
-                f"images of {lost} cycles are not archived: the station ended before they were written"
-            )
+            text = f"images of {lost} cycles are not archived: the station ended before they were written"
+            self._note(text, None)
 
     def wait(self) -> bool:
         """Wait until all that was offered is written or lost; false when that takes longer than the bound."""
@@ -140,7 +139,7 @@ class ImageArchive:
 
     def _lost(self, job: _Job, why: str) -> None:
         _LOG.error("images of cycle %s: %s", job.record.uuid, why)
-        self._note(f"images of cycle {job.record.uuid} are not archived: {why}")
+        self._note(f"images of cycle {job.record.uuid} are not archived: {why}", job.record.uuid)
 
     def _tell_refused(self) -> None:
         """Tell of all that found no room since the last time, in one sentence."""
@@ -150,7 +149,8 @@ class ImageArchive:
                 refused.append(self._refused.get_nowait())
         if refused:
             cycles = f"cycle {refused[0]}" + (f" and {len(refused) - 1} more" if refused[1:] else "")
-            self._note(f"images of {cycles} are not archived: the disk is too slow")
+            text = f"images of {cycles} are not archived: the disk is too slow"
+            self._note(text, None if refused[1:] else refused[0])
 
     def _write(self, record: CycleRecord, shot: WheelShot) -> None:
         path = Path(f"{record.received_utc:%Y-%m-%d}") / f"{record.uuid}-{shot.rig}"
@@ -187,8 +187,8 @@ class ImageArchive:
 class ArchivingObserver(Observer):
     """Offers the images of every committed cycle to the archive; another observer watches as before."""
 
-    def __init__(self, observer: Observer, positions: Sequence[WheelPosition], archive: ImageArchive) -> None:
-        self._observer, self._positions, self._archive = observer, positions, archive
+    def __init__(self, observer: Observer, archive: ImageArchive) -> None:
+        self._observer, self._archive = observer, archive
 
     def entered(self, state: StationState) -> None:
         """Pass on."""
@@ -201,9 +201,6 @@ class ArchivingObserver(Observer):
     def cycle_done(self, report: CycleReport) -> None:
         """Pass on, and keep the images that the stored results were measured in."""
         if report.committed_s is not None:
-            times = {wheel.wheel: wheel.measured_utc for wheel in report.record.wheels}
-            shots = [position.last_shot for position in self._positions]
-            self._archive.offer(
-                report.record, [s for s in shots if s is not None and times.get(s.rig) == s.time_utc]
-            )
+            shots = (wheel.result.shot for wheel in report.evaluation.wheels)
+            self._archive.offer(report.record, [shot for shot in shots if shot is not None])
         self._observer.cycle_done(report)

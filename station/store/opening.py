@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
+from uuid import UUID
 
 from db.connection import station_lock
 from db.records import InstallationRecord, Severity, StationRecord, VehicleTypeRecord
@@ -93,8 +94,8 @@ def open_archive(configuration: Configuration, store: StationStore) -> ImageArch
     if settings is None:
         return None
 
-    def note(text: str) -> None:
-        store.background.note(Severity.WARNING, "images_not_archived", text)
+    def note(text: str, cycle: UUID | None) -> None:
+        store.background.note(Severity.WARNING, "images_not_archived", text, cycle)
 
     folder = configuration.path(settings.folder)
     return ImageArchive(store.results, folder, archive_policy(settings), settings.keep, note)

@@ -29,8 +29,8 @@ class Watched(Protocol):
         ...
 
     @property
-    def last_error(self) -> BaseException | None:
-        """What it met last."""
+    def last_error(self) -> str | None:
+        """What it met last, in words."""
         ...
 
 
@@ -70,12 +70,7 @@ class ThreadWatch:
     def health(self) -> tuple[ThreadHealth, ...]:
         """Of every thread, now."""
         return tuple(
-            ThreadHealth(
-                thread.name,
-                thread.alive,
-                thread.failures,
-                None if (error := thread.last_error) is None else f"{type(error).__name__}: {error}",
-            )
+            ThreadHealth(thread.name, thread.alive, thread.failures, thread.last_error)
             for thread in self._threads
         )
 

@@ -8,6 +8,11 @@ from collections.abc import Callable
 from alignment.errors import LineError
 
 
+def described(error: BaseException) -> str:
+    """Return an error in words, by its type and its text."""
+    return f"{type(error).__name__}: {error}"
+
+
 class SupervisedThread:
     """Repeats `step` until it is stopped. A step that raises is counted, remembered, and tried again.
 
@@ -27,7 +32,7 @@ class SupervisedThread:
         self._step = step
         self._pause_s = pause_s
         self._failures = 0
-        self._last_error: Exception | None = None
+        self._last_error: str | None = None
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     @property
@@ -46,8 +51,8 @@ class SupervisedThread:
         return self._failures
 
     @property
-    def last_error(self) -> Exception | None:
-        """What the last failed step raised."""
+    def last_error(self) -> str | None:
+        """What the last failed step raised, in words: the error itself would keep all that its step held."""
         return self._last_error
 
     def start(self) -> None:
@@ -74,5 +79,5 @@ class SupervisedThread:
                 self._step(self.stopping)
             except Exception as error:  # noqa: BLE001  (whatever it is, it must be seen and survived)
                 self._failures += 1
-                self._last_error = error
+                self._last_error = described(error)
                 self.stopping.wait(self._pause_s)

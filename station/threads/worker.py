@@ -16,7 +16,7 @@ from concurrent.futures import Future
 from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import LineError, TruewheelError
-from station.threads.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread, described
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -51,7 +51,7 @@ class Worker:
         self._closed = False
         self._busy_since_s: float | None = None
         self._defects = 0
-        self._last_defect: BaseException | None = None
+        self._last_defect: str | None = None
         self._thread = SupervisedThread(name, self._step)
         self._thread.start()
 
@@ -66,8 +66,8 @@ class Worker:
         return self._defects + self._thread.failures
 
     @property
-    def last_error(self) -> BaseException | None:
-        """The last of these."""
+    def last_error(self) -> str | None:
+        """The last of these, in words."""
         return self._last_defect or self._thread.last_error
 
     @property
@@ -84,7 +84,7 @@ class Worker:
             When the thread has ended, or too many calls wait.
         """
         if self._closed or not self.alive:
-            cause = f": {self.last_error!r}" if self.last_error is not None else ""
+            cause = f": {self.last_error}" if self.last_error is not None else ""
             raise WorkerError(f"the thread '{self.name}' has ended{cause}. Restart the station")
         future: Future[_T] = Future()
         try:
@@ -136,7 +136,8 @@ class Worker:
         except BaseException as error:  # noqa: BLE001  (whatever it is, the caller must learn of it)
             if not isinstance(error, (TruewheelError, OSError)):
                 self._defects += 1
-                self._last_defect = error
+                # In words: the error would keep what the call held, such as the images of a wheel.
+                self._last_defect = described(error)
                 _LOG.error("the thread '%s' failed", self.name, exc_info=error)
             future.set_exception(error)
         else:

@@ -5,16 +5,30 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Callable
 from datetime import timedelta
+from typing import Any
 from uuid import UUID
 
 import psycopg
+import pytest
+from sqlalchemy.event import listen
 
 from db.connection import make_engine, parse_url
 from db.records import EventRecord, Severity
+from db.rows import record_of
 from db.store import ResultStore
 from db.sums import bring_up_to_date, update_sums
+from station.cycle.answers import Standing
 from station.cycle.held import Closing, closing_text, unacknowledged
-from tests.db.example_records import CALIBRATION, NOON, cycle, installation, limits, station, zero
+from tests.db.example_records import (
+    CALIBRATION,
+    NOON,
+    cycle,
+    installation,
+    limits,
+    revocation,
+    station,
+    zero,
+)
 
 MANY = 20_000
 # Steps of SQLite's machine, and rows that PostgreSQL reads: for a handful of rows, not for thousands.
@@ -133,7 +147,15 @@ def test_a_start_and_a_cycle_read_a_few_rows_of_a_large_database(
         ),
         "zeros": lambda: store.zeros_in_force([("front_left", CALIBRATION.id), ("rear_left", "other")]),
         "event": lambda: store.record_event(
-            EventRecord(NOON, "EOL-1", Severity.INFO, "s", Closing.ACKNOWLEDGED, closing_text(last.uuid, 7))
+            EventRecord(
+                NOON,
+                "EOL-1",
+                Severity.INFO,
+                "s",
+                Closing.ACKNOWLEDGED,
+                closing_text(last.uuid, 7),
+                cycle_uuid=last.uuid,
+            )
         ),
         "cycle": lambda: store.write_cycle(cycle()),
     }
@@ -158,10 +180,14 @@ def test_the_last_cycle_of_a_station_and_what_became_of_it(store: ResultStore) -
 
     def close(uuid: UUID, code: str, name: str = "EOL-1", ago: float = 0.0) -> None:
         utc = NOON - timedelta(seconds=ago)
-        store.record_event(EventRecord(utc, name, Severity.INFO, "s", code, closing_text(uuid, 7)))
+        said = EventRecord(utc, name, Severity.INFO, "s", code, closing_text(uuid, 7), cycle_uuid=uuid)
+        store.record_event(said)
 
     close(mine.uuid, Closing.ACKNOWLEDGED)
     close(later.uuid, "not_acknowledged")
+    # What a person writes is no acknowledgement, whatever it begins with.
+    text = closing_text(later.uuid, 7)
+    store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "s", Closing.ACKNOWLEDGED, text))
     close(others.uuid, Closing.ACKNOWLEDGED, "EOL-2")
     assert unacknowledged(store, "EOL-1") is not None
     # By a clock that was set back an hour since.
@@ -180,3 +206,71 @@ def test_the_zeros_of_what_is_installed_are_those_in_force(store: ResultStore) -
     assert store.zeros_in_force([("front_left", "other"), ("rear_right", CALIBRATION.id)]) == ()
     assert store.zeros_in_force([]) == ()
     assert {zero.id for zero in store.zeros_in_force()} == {"b", "c"}
+    store.revoke_zero(revocation("b"))
+    assert store.zeros_in_force([("front_left", CALIBRATION.id)]) == (first,)
+    assert {zero.id for zero in store.zeros_in_force()} == {"a", "c"}
+    found = store.zero("b")
+    assert found is not None
+    assert (found.record, found.revocation) == (second, revocation("b"))
+    assert store.zero("d") is None
+
+
+class Asked:
+    """The questions that a database is asked meanwhile, and how many rows become records."""
+
+    def __init__(self, store: ResultStore, monkeypatch: pytest.MonkeyPatch) -> None:
+        assert store._engine is not None
+        self.statements: list[str] = []
+        self.records = 0
+        listen(store._engine, "before_cursor_execute", self._note)
+        monkeypatch.setattr("db.rows.reading.record_of", self._counted)
+
+    def _note(self, connection: object, cursor: object, statement: str, *_: object) -> None:
+        if statement.startswith("SELECT"):
+            self.statements.append(statement)
+
+    def _counted(self, *given: Any, **nested: Any) -> Any:
+        self.records += 1
+        return record_of(*given, **nested)
+
+
+def test_zeros_in_force_are_one_question_and_no_other_rows(
+    store: ResultStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every zero measurement was read at each start, and Python kept the newest of each rig."""
+    rigs = ("front_left", "front_right", "rear_left")
+    for number in range(30):
+        for rig in rigs:
+            late = NOON + timedelta(hours=number)
+            store.record_zero(zero(f"{rig}-{number}", rig=rig, measured_utc=late))
+    for number in range(20, 30):
+        store.revoke_zero(revocation(f"front_left-{number}"))
+    asked = Asked(store, monkeypatch)
+    installed = [(rig, CALIBRATION.id) for rig in (*rigs, "rear_right")]
+    newest = {"front_left-19", "front_right-29", "rear_left-29"}
+    for of in (installed, None):
+        assert {one.id for one in store.zeros_in_force(of)} == newest
+        assert (len(asked.statements), asked.records) == (1, len(rigs))
+        asked.statements, asked.records = [], 0
+    assert store.zero("rear_left-3") is not None
+    assert (len(asked.statements), asked.records) == (1, 1)
+
+
+def test_what_became_of_a_cycle_is_one_question_and_a_row_for_each_answer(
+    store: ResultStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was looked for in the texts of the last events."""
+    last = cycle()
+    store.write_cycle(last)
+    for code in (*[Closing.OFFERED] * 3, *["not_acknowledged"] * 50):
+        said = EventRecord(NOON, "EOL-1", Severity.INFO, "s", code, "", cycle_uuid=last.uuid)
+        store.record_event(said)
+    asked = Asked(store, monkeypatch)
+    monkeypatch.setattr("db.store.record_of", asked._counted)
+    found = unacknowledged(store, "EOL-1")
+    assert found is not None
+    assert found[1] is Standing.COMMITTED
+    # The cycle with its wheels, axles and vehicle; and its events.
+    assert len(asked.statements) == 5
+    of_cycle = 1 + len(last.wheels) + len(last.axles) + 2
+    assert asked.records == of_cycle + 1

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
-from uuid import uuid4
+from uuid import UUID, uuid4
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -26,6 +26,7 @@ from db.records import (
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, refused_wheel, wheel
 
+CYCLE = UUID(int=7)
 on_one_database = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -182,8 +183,11 @@ def test_calibrations_and_events_are_stored_once(store: ResultStore) -> None:
         store.record_event(event)
     assert store.calibration("cal-2") == calibration
     assert store.recent_events(5) == (event,)
-    assert store.stored_events([uuid4(), event.uuid]) == (event,)
-    assert store.stored_events([]) == ()
+    of_cycle = [replace(event, uuid=uuid4(), cycle_uuid=CYCLE, code=code) for code in ("a", "b", "a")]
+    for one in of_cycle:
+        store.record_event(one)
+    assert set(store.cycle_events(CYCLE, ("a", "b", "c"))) == set(of_cycle[1:])
+    assert store.cycle_events(CYCLE, ("c",)) == store.cycle_events(uuid4(), ("a",)) == ()
     with pytest.raises(StoreError, match="another calibration cal-2"):
         store.record_calibration(replace(calibration, document={}))
     with pytest.raises(StoreError, match="another event"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -210,16 +210,9 @@ class FakeStore:
     def cycle(self, uuid: UUID) -> StoredCycle | None:
         return next((StoredCycle(record, TODAY) for record in self.cycles if record.uuid == uuid), None)
 
-    def stored_events(self, uuids: Collection[UUID]) -> tuple[EventRecord, ...]:
-        return tuple(event for event in self.events if event.uuid in uuids)
-
-    def recent_events(
-        self, n: int, station: str | None = None, codes: Sequence[str] = ()
-    ) -> tuple[EventRecord, ...]:
-        found = [event for event in self.events[::-1] if station in (None, event.station)]
-        if not codes:
-            return tuple(found[:n])
-        return tuple(event for code in codes for event in [e for e in found if e.code == code][:n])
+    def cycle_events(self, cycle: UUID, codes: Sequence[str]) -> tuple[EventRecord, ...]:
+        newest = {event.code: event for event in self.events if event.cycle_uuid == cycle}
+        return tuple(event for code, event in newest.items() if code in codes)
 
     def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
         if self.zeros_error is not None:

@@ -177,7 +177,7 @@ class LineBus:
             log_failures=self._log_failures,
             error_frames=self._error_frames,
             losses=self._losses,
-            last_error=self._last_error or (f"receive: {receive_error!r}" if receive_error else None),
+            last_error=self._last_error or (f"receive: {receive_error}" if receive_error else None),
         )
 
     @property

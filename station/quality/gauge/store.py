@@ -13,7 +13,15 @@ from uuid import UUID
 import numpy as np
 
 from alignment.errors import ConfigurationError, Deed, InputError, Remedy
-from db.queries import Characteristic, Filter, ResultReader, gauge_studies, gauge_study, value_series
+from db.queries import (
+    Characteristic,
+    Filter,
+    ResultReader,
+    gauge_studies,
+    gauge_study,
+    gauge_value_counts,
+    value_series,
+)
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from db.store import ResultStore
 from station.quality.gauge.file import GaugeRow
@@ -194,7 +202,7 @@ def fill_study(
             raise ConfigurationError(
                 choice="study", expected="a study that was planned for live cycles", seen=record.name
             )
-        runs = planned_runs(study)
+        runs = planned_runs(record)
         known = {(value.part, value.appraiser, value.trial) for value in study.values}
         since = from_utc or record.created_utc
         characteristic = Characteristic.parse(record.characteristic)
@@ -202,10 +210,9 @@ def fill_study(
         added: list[GaugeValueRecord] = []
         for part in dict.fromkeys(run.part for run in runs):
             where = Filter(from_utc=since, until_utc=until_utc, stations=stations, vin=part)
-            series = value_series(reader, characteristic, where)
-            order = sorted(range(len(series.value)), key=lambda index: series.time[index])
             mine = [run for run in runs if run.part == part]
-            for run, index in zip(mine, order, strict=False):
+            series = value_series(reader, characteristic, where, oldest=len(mine))
+            for index, run in enumerate(mine[: len(series)]):
                 if (run.part, run.appraiser, run.trial) not in known:
                     added.append(_value(record.uuid, run, series, index))
     if added:
@@ -217,9 +224,9 @@ def fill_study(
     return Filled(filled, len(added), missing)
 
 
-def planned_runs(study: StoredGaugeStudy) -> list[Run]:
+def planned_runs(record: GaugeStudyRecord) -> list[Run]:
     """The runs of a plan, in its order; none for the values of a file."""
-    return [Run(part, appraiser, trial) for part, appraiser, trial in study.record.plan.get(_RUNS, [])]
+    return [Run(part, appraiser, trial) for part, appraiser, trial in record.plan.get(_RUNS, [])]
 
 
 def load_study(database: str, kind: StudyKind | None, wanted: str) -> StoredGaugeStudy:
@@ -236,18 +243,18 @@ def load_study(database: str, kind: StudyKind | None, wanted: str) -> StoredGaug
         return _find(reader, kind, wanted)
 
 
-def all_studies(database: str) -> list[StoredGaugeStudy]:
-    """All studies with their values, newest first."""
+def all_studies(database: str) -> list[tuple[GaugeStudyRecord, int]]:
+    """All studies, newest first, each with the number of its values that count."""
     with ResultReader(database) as reader:
-        found = [gauge_study(reader, record.uuid) for record in gauge_studies(reader)]
-    return [study for study in found if study is not None]
+        counts = gauge_value_counts(reader)
+        return [(record, counts.get(record.uuid, 0)) for record in gauge_studies(reader)]
 
 
 def _find(reader: ResultReader, kind: StudyKind | None, wanted: str) -> StoredGaugeStudy:
     try:
         uuids = [UUID(wanted)]
     except ValueError:
-        uuids = [record.uuid for record in gauge_studies(reader) if record.name == wanted]
+        uuids = [record.uuid for record in gauge_studies(reader, name=wanted)]
     if len(uuids) > 1:
         raise InputError(
             choice="study", expected="one study of this name", seen=f"{len(uuids)}", cure="Name its UUID"
@@ -267,7 +274,7 @@ def _find(reader: ResultReader, kind: StudyKind | None, wanted: str) -> StoredGa
 
 def _require_new(database: str, name: str) -> None:
     with ResultReader(database) as reader:
-        if any(record.name == name for record in gauge_studies(reader)):
+        if gauge_studies(reader, name=name):
             raise ConfigurationError(
                 choice="name", expected="a name that no study has", seen=repr(name), cure="Choose another"
             )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import defaultdict
 from collections.abc import Sequence
 
@@ -31,7 +30,7 @@ from station.quality.reports.report import Row, Section, shown_time
 from station.quality.reports.values import NEWEST, comparable, in_degrees, times, wheel_angles
 
 TEMPERATURE = "temperature"
-"""Code of events whose text begins with a temperature in degrees Celsius: ``31.5 °C``."""
+"""Code of events whose value is a temperature in degrees Celsius."""
 _SIDES = ("left", "right")
 _STEP = 50  # values on each side of a new calibration
 _DAY_S = 86_400.0
@@ -260,9 +259,8 @@ def _temperatures(found: Sequence[EventRecord]) -> dict[str, tuple[Array, Array]
     """Times in seconds and temperatures of each station, in the order of time."""
     read: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for event in found:
-        number = re.match(r"\s*([-+]?\d+(?:[.,]\d+)?)", event.text)
-        if number:
-            read[event.station].append((event.utc.timestamp(), float(number[1].replace(",", "."))))
+        if event.value is not None:
+            read[event.station].append((event.utc.timestamp(), event.value))
     return {
         station: (np.array([t for t, _ in sorted(pairs)]), np.array([k for _, k in sorted(pairs)]))
         for station, pairs in read.items()

@@ -33,7 +33,8 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             "u95_deg": row.u95_deg,
             "low_deg": row.low_deg, "high_deg": row.high_deg, "verdict": row.verdict,
             "reason": row.reason_text, "part_verdict": row.part_verdict, "outcome": row.outcome,
-            "method": row.method, "calibration": row.calibration_id, "zero": row.zero_measurement_id,
+            "method": row.method, "degraded": row.degraded,
+            "calibration": row.calibration_id, "zero": row.zero_measurement_id,
             "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
         }
         for stored in history.cycles

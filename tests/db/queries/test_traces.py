@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -10,13 +11,16 @@ import pytest
 
 from db.connection import make_engine, parse_url
 from db.queries import (
+    Characteristic,
     Filter,
     ResultReader,
     checks,
     events,
     gauge_studies,
     gauge_study,
+    gauge_value_counts,
     since_last_good_check,
+    value_series,
     vin_history,
 )
 from db.records import (
@@ -30,6 +34,7 @@ from db.records import (
     StudyKind,
     VehicleRecord,
 )
+from db.rows import write_cycles
 from db.store import ResultStore
 from db.sums import bring_up_to_date
 from tests.db.example_records import (
@@ -159,7 +164,11 @@ def test_a_vehicle_comes_with_everything_that_explains_it(store: ResultStore, re
     store.record_shot(kept)
     store.remove_shot(ArchiveRemoval(kept.uuid, NOON + HOUR, "the ring is full"))
     near = EventRecord(NOON - 0.1 * HOUR, "EOL-1", Severity.WARNING, "cameras", "hot", "head 2 at 61 °C")
+    later = EventRecord(
+        NOON + 5 * HOUR, "EOL-1", Severity.INFO, "station.cycle", "acknowledged", "", cycle_uuid=record.uuid
+    )
     for event in (
+        later,
         near,
         EventRecord(NOON - HOUR, "EOL-1", Severity.INFO, "station", "start", "started"),
         EventRecord(NOON, "EOL-2", Severity.INFO, "station", "start", "started"),
@@ -171,7 +180,7 @@ def test_a_vehicle_comes_with_everything_that_explains_it(store: ResultStore, re
     assert [item.reason for item in found.checks] == [check().reason]
     assert found.zeros["zero-1"].revocation == revocation()
     assert [item.plant for item in found.stations] == ["Werk Süd"]
-    assert near in found.events
+    assert found.events == (near, later)
     assert {event.station for event in found.events} == {"EOL-1"}
     assert [item.record for item in found.shots] == [kept]
     assert found.shots[0].removal is not None
@@ -211,7 +220,60 @@ def test_a_study_reads_back_with_every_raw_value_and_the_newest_counts(
     assert found.values == (values[2], correction, values[0], values[1])
     assert [item.name for item in gauge_studies(reader, StudyKind.TYPE1)] == ["Typ 1"]
     assert [item.name for item in gauge_studies(reader, text="umbau")] == ["Abnahme 2026"]
+    assert [item.name for item in gauge_studies(reader, name="Typ 1")] == ["Typ 1"]
+    assert gauge_studies(reader, name="Typ") == gauge_studies(reader, name="' OR 1=1 --") == ()
+    assert gauge_value_counts(reader) == {planned.uuid: 4}
     assert gauge_study(reader, values[0].uuid) is None
+
+
+def test_a_vehicle_that_comes_every_day_for_years_has_its_history(
+    store: ResultStore, reader: ResultReader, database_url: str
+) -> None:
+    """The conditions of a thousand cycles were one expression, which SQLite refuses."""
+    store.describe_station(station(), (), ())
+    days = [NOON + timedelta(days=day) for day in range(1100)]
+    engine = make_engine(parse_url(database_url), timeout_s=30.0)
+    with engine.connect().execution_options(writes=True) as connection, connection.begin():
+        write_cycles(connection, [vehicle(1, day, wheels=(), outcome="fault", reason_code="x",
+                                          reason_text="x", axles=(), vehicle_angles=None)
+                                  for day in days], NOON)  # fmt: skip
+    engine.dispose()
+    for day in (days[0], days[500], days[500] + 6 * HOUR, days[-1]):
+        store.record_event(EventRecord(day, "EOL-1", Severity.INFO, "x", "start", str(day)))
+    found = vin_history(reader, "VIN0001")
+    assert len(found.cycles) == len(days)
+    assert [event.utc for event in found.events] == [days[0], days[500], days[-1]]
+
+
+def test_the_oldest_values_are_those_of_the_first_triggers(store: ResultStore, reader: ResultReader) -> None:
+    for number, hour in enumerate((3, 1, 0, 2)):
+        store.write_cycle(vehicle(number, NOON + hour * HOUR))
+    toe = Characteristic.parse("front_left.toe")
+    assert list(value_series(reader, toe, oldest=3).vin) == ["VIN0002", "VIN0001", "VIN0003"]
+    assert list(value_series(reader, toe, newest=3).vin) == ["VIN0001", "VIN0002", "VIN0003"]
+    assert len(value_series(reader, toe, oldest=9)) == 4
+
+
+def test_checks_are_those_of_the_wheels_stations_and_plants_asked_for(
+    store: ResultStore, reader: ResultReader
+) -> None:
+    other = replace(CALIBRATION, id="cal-right", rig="front_right")
+    store.record_calibration(other)
+    store.describe_station(station(), (), (installation(),))
+    store.describe_station(
+        station(station="EOL-2", plant="Werk Nord"), (),
+        (installation(station="EOL-2", rig="front_right", calibration_id=other.id),),
+    )  # fmt: skip
+    for calibration_id in (CALIBRATION.id, other.id):
+        store.record_check(check(calibration_id))
+
+    def found(**where: Any) -> list[str | None]:
+        return [one.station for one in checks(reader, Filter(**where))]
+
+    assert found() == ["EOL-1", "EOL-2"]
+    assert found(wheels=("front_right",)) == ["EOL-2"]
+    assert found(stations=("EOL-1",)) == found(plants=("Werk Süd",)) == ["EOL-1"]
+    assert found(stations=("EOL-1",), plants=("Werk Nord",)) == found(wheels=("rear_left",)) == []
 
 
 def test_only_what_changed_is_recorded_of_a_station(store: ResultStore) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from alignment.errors import InputError
 from db.connection import station_lock
 from db.queries import Filter, ResultReader, events
 from db.records import RetentionClass
@@ -113,12 +114,17 @@ def test_people_record_events_of_known_stations(store: ResultStore, sqlite_url: 
     asked = ["db", "event", "--database", sqlite_url, "--station", "EOL-1"]
     done = runner.invoke(app, [*asked, "--temperature", "31.5", "--time", "2026-11-22T06:00", "--json"])
     assert json.loads(done.stdout)["text"] == "31.5 °C"
+    done = runner.invoke(app, [*asked, "31.5 °C", "--code", TEMPERATURE])
+    assert isinstance(done.exception, InputError)
+    assert "Record degrees Celsius with --temperature 31.5" in str(done.exception)
     done = runner.invoke(app, [*asked, "lamp 2 changed", "--code", "lamp"])
     assert "EOL-1: lamp: lamp 2 changed" in done.stdout
     with ResultReader(sqlite_url) as reader:
         (warm,) = events(reader, Filter(stations=("EOL-1",)), codes=(TEMPERATURE,))
         (lamp,) = events(reader, codes=("lamp",))
     assert warm.utc == datetime(2026, 11, 22, 6, tzinfo=UTC)
+    assert warm.value == 31.5
+    assert lamp.value is None
     assert lamp.source == "command line"
     assert runner.invoke(app, [*asked, "both", "--temperature", "20"]).exit_code != 0
     wrong = [*asked[:-1], "EOL-7", "a text"]

@@ -37,7 +37,7 @@ def test_results_are_held_until_they_are_acknowledged(bench: Bench) -> None:
     bench.cycle.step(0.1)
     assert bench.cycle.state is StationState.IDLE
     (event,) = (e for e in bench.store.events if e.code == "acknowledged")
-    assert event.text.startswith(str(report.record.uuid))
+    assert event.cycle_uuid == report.record.uuid
 
 
 def test_reset_gives_held_results_up_and_says_so(bench: Bench) -> None:
@@ -145,8 +145,27 @@ def test_last_cycle_is_the_one_stored_last_whatever_the_clock_says(bench: Bench,
 
 
 def test_acknowledgement_that_an_earlier_program_stored_counts(bench: Bench) -> None:
-    """Its events are known by their texts alone."""
+    """Its events have UUIDs of their own."""
     bench.trigger()
     bench.store.events = [replace(event, uuid=uuid4()) for event in bench.store.events]
     with Restarted(bench) as after:
         assert after.line.sent == []
+
+
+def test_no_text_is_an_acknowledgement(bench: Bench) -> None:
+    """An event of whatever text that began with the cycle's UUID took its results from the line."""
+    bench.line.acknowledges = False
+    bench.trigger(7)
+    (record,) = bench.store.cycles
+    said = next(event for event in bench.store.events if event.code == "offered")
+    bench.store.events.append(replace(said, uuid=uuid4(), code="acknowledged", cycle_uuid=None))
+    with Restarted(bench) as after:
+        assert [sent[0] for sent in after.line.sent] == [7]
+        # Nor is any text needed for one.
+        after.store.events = [replace(event, text="") for event in after.store.events]
+        after.line.queue = [Acknowledge(7)]
+        after.cycle.step(0.1)
+        after.store.events = [replace(event, text="taken") for event in after.store.events]
+        with Restarted(after) as again:
+            assert again.line.sent == []
+    assert record.uuid in {event.cycle_uuid for event in bench.store.events}

@@ -20,6 +20,7 @@ from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
 from station.cycle.positions import Failure, WheelResult, fault
 from station.cycle.record import cycle_record
+from station.cycle.under_way import CycleUnderWay, Trouble
 from station.cycle.verdict import Status
 from station.cycle.words import ErrorCode, Mode, Outcome, Quality, Trigger
 from station.line.wire.dbc import LineDatabase, Value, load_line_database
@@ -48,7 +49,8 @@ def judged(kind: VehicleType, found: dict[str, WheelMeasurement | None], k: floa
 def recorded(kind: VehicleType, evaluation: Evaluation) -> CycleRecord:
     trigger = Trigger(7, tuple(w.result.wheel for w in evaluation.wheels), 1, VIN, 100.0, Mode.AUTOMATIC)
     identity = Identity("station_1", "1.0", "abc")
-    return cycle_record(identity, trigger, kind, evaluation, None, received_utc=TODAY, measured_s=101.0)[0]
+    cycle = CycleUnderWay(trigger, TODAY, (), kind, measured_s=101.0)
+    return cycle_record(identity, cycle, evaluation)[0]
 
 
 def on_the_bus(
@@ -285,11 +287,10 @@ def test_part_that_failed_says_more_than_a_wheel_that_was_refused() -> None:
         for wheel in WHEELS
     ]
     trigger = Trigger(7, WHEELS, 1, VIN, 100.0, Mode.AUTOMATIC)
-    record, error, wheel = cycle_record(
-        Identity("s", "1", "c"), trigger, KIND, evaluate(KIND, results, 2.0), None,
-        received_utc=TODAY, measured_s=101.0,
-    )  # fmt: skip
-    assert (error, wheel) == (ErrorCode.CAMERA_FAULT, "rear_right")
+    cycle = CycleUnderWay(trigger, TODAY, (), KIND, measured_s=101.0)
+    record, trouble = cycle_record(Identity("s", "1", "c"), cycle, evaluate(KIND, results, 2.0))
+    assert trouble == Trouble(ErrorCode.CAMERA_FAULT, "rear_right")
+    assert record.uuid == cycle.uuid
     assert record.outcome is CycleOutcome.FAULT
     assert record.reason_code == "camera_fault"
     assert record.reason_text == "rear_right: it burns; front_left: dark"
@@ -302,10 +303,17 @@ def test_part_that_failed_says_more_than_a_wheel_that_was_refused() -> None:
 def test_quality_of_a_wheel_that_lost_a_head_is_degraded_on_the_bus() -> None:
     found = dict.fromkeys(WHEELS, measurement()) | {"rear_left": replace(measurement(), degraded=True)}
     record = recorded(KIND, judged(KIND, found))
-    answers = answers_of(record, Standing.COMMITTED)
-    assert {a.wheel: a.quality for a in answers.wheels if a.quality is not Quality.FULL} == {
-        "rear_left": Quality.DEGRADED
+    # Whatever the method is called.
+    named = replace(record, wheels=tuple(replace(wheel, method="x/degraded") for wheel in record.wheels))
+    for one in (record, named):
+        answers = answers_of(one, Standing.COMMITTED)
+        assert {a.wheel: a.quality for a in answers.wheels if a.quality is not Quality.FULL} == {
+            "rear_left": Quality.DEGRADED
+        }
+    assert {wheel.wheel: wheel.degraded for wheel in record.wheels} == {
+        wheel: wheel == "rear_left" for wheel in WHEELS
     }
+    assert {wheel.method for wheel in record.wheels} == {"tyre_plane/revolution"}
 
 
 @pytest.mark.parametrize("standing", list(Standing))

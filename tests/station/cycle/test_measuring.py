@@ -13,7 +13,7 @@ from alignment.errors import CameraError, LineConnectionError, StoreUnavailableE
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome, Verdict, WheelOutcome
 from station.cycle.positions import WheelPosition
-from station.cycle.words import ErrorCode, Outcome, Reset, StationState
+from station.cycle.words import ErrorCode, Mode, Outcome, Reset, StationState
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
 GOOD_WAY = [
@@ -352,3 +352,22 @@ def test_device_time_is_that_of_the_first_camera(bench: Bench) -> None:
     )
     bench.trigger(wheels=["front_left"])
     assert bench.store.cycles[0].wheels[0].device_time_s == 987.5
+
+
+def test_store_fault_is_not_told_of_the_wheel_that_was_refused(bench: Bench) -> None:
+    """The wheel of the cycle's own failure stayed beside an error that was about no wheel."""
+    bench.found["rear_left"] = REFUSED
+    bench.store.error = store_error()
+    bench.trigger()
+    assert bench.cycle.state is StationState.FAULT
+    assert (bench.line.status.error_code, bench.line.status.wheel) == (ErrorCode.STORE_FAULT, None)
+
+
+def test_what_is_noted_of_a_cycle_names_it(bench: Bench) -> None:
+    bench.line.acknowledges = False
+    report = bench.trigger(mode=Mode.MASTER_CHECK)
+    assert report is not None
+    named = {event.code: event.cycle_uuid for event in bench.store.events}
+    assert named == {"started": None} | dict.fromkeys(
+        ("no_master", "offered", "not_acknowledged"), report.record.uuid
+    )

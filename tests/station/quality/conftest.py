@@ -76,7 +76,7 @@ def write_month(url: str) -> None:
                 store.record_event(
                     EventRecord(
                         START + timedelta(days=day, hours=1), name, Severity.INFO, "climate", "temperature",
-                        f"{20 + day / 2:.1f} °C",
+                        "by the gate", value=20 + day / 2,
                     )
                 )  # fmt: skip
         number = 0

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from uuid import UUID
 
 import numpy as np
 import pytest
@@ -21,7 +20,10 @@ from db.upkeep.retention import Policy, enforce, kept
 from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
+from station.cycle.judging import Evaluation, JudgedWheel
 from station.cycle.ports import CycleReport, Observer
+from station.cycle.positions import WheelResult
+from station.cycle.verdict import Angle
 from station.cycle.words import Trigger
 from station.store.archive import ArchivingObserver, ImageArchive
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
@@ -39,6 +41,17 @@ def store(url: str) -> Iterator[ResultStore]:
     with ResultStore(url, create=True) as opened:
         opened.record_calibration(CALIBRATION)
         yield opened
+
+
+def into(said: list[str]) -> Callable[[str, UUID | None], None]:
+    """Keep what is noted; one cycle that a sentence names is the one that the event is of."""
+
+    def note(text: str, cycle: UUID | None) -> None:
+        said.append(text)
+        assert (cycle is not None) == ("of cycle" in text and " more are" not in text)
+        assert str(cycle or "") in text
+
+    return note
 
 
 def shot_of(record: CycleRecord, name: str = "front_left") -> WheelShot:
@@ -154,7 +167,7 @@ def test_a_disk_that_is_too_slow_or_full_loses_images_and_says_so(
 
     monkeypatch.setattr("station.store.archive.write_shot", slow)
     record = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON) as archive:
+    with ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON) as archive:
         archive.offer(record, [shot_of(record)])
         going.wait(60)
         for _ in range(6):
@@ -181,7 +194,7 @@ def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
 
     said: list[str] = []
     first, *others = [stored(store) for _ in range(6)]
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON) as archive:
+    with ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON) as archive:
         with monkeypatch.context() as patched:
             patched.setattr(f"station.store.archive.{place}", fail)
             archive.offer(first, [shot_of(first)])
@@ -190,7 +203,7 @@ def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
             archive.offer(record, [shot_of(record)])
             archive.wait()
         assert (archive.thread.alive, archive.thread.failures) == (True, 1)
-        assert archive.thread.last_error is error
+        assert archive.thread.last_error == f"{type(error).__name__}: {error}"
     assert said == [f"images of cycle {first.uuid} are not archived: {type(error).__name__}: {error}"]
     assert {str(record.uuid) for record in others} <= left(tmp_path)
 
@@ -245,7 +258,7 @@ def test_disk_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
 
     monkeypatch.setattr("station.store.archive.write_shot", hang)
     record = stored(store)
-    archive = ImageArchive(store, tmp_path / "images", WIDE, "all", said.append, lambda: NOON, closing_s=0.1)
+    archive = ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON, closing_s=0.1)
 
     def live() -> None:
         with archive:
@@ -270,29 +283,20 @@ class Offered:
         self.rigs.append([shot.rig for shot in shots])
 
 
-class Position:
-    def __init__(self, shot: WheelShot | None) -> None:
-        self.last_shot = shot
-
-
 @pytest.mark.parametrize("committed_s", [None, 5.0])
 def test_only_the_images_that_a_stored_result_was_measured_in_are_archived(
     store: ResultStore, committed_s: float | None
 ) -> None:
-    """A rig may hold images of an earlier cycle, and a cycle without a record has none to go with."""
+    """A cycle without a record has none that its images could go with."""
     record = stored(store)
-    own = shot_of(record)
-    earlier = replace(shot_of(record), rig="front_right", time_utc=own.time_utc - timedelta(seconds=30))
     archive, seen = Offered(), list[CycleReport]()
     inner = Observer()
     inner.cycle_done = seen.append  # type: ignore[method-assign]
-    positions = [Position(own), Position(earlier), Position(None)]
-    observer = ArchivingObserver(inner, positions, archive)  # type: ignore[arg-type]
-    trigger = Trigger(1, ("front_left",), 1, "V", 0.0)
-    report = CycleReport(trigger, record, None, committed_s, None)  # type: ignore[arg-type]
-    observer.cycle_done(report)
+    observer = ArchivingObserver(inner, archive)  # type: ignore[arg-type]
+    given = report(record, committed_s, {"front_left": shot_of(record), "front_right": None})
+    observer.cycle_done(given)
     assert archive.rigs == ([] if committed_s is None else [["front_left"]])
-    assert seen == [report]
+    assert seen == [given]
 
 
 @pytest.mark.parametrize("bad", [False, True])
@@ -346,22 +350,24 @@ def test_nothing_outside_of_the_archive_is_deleted_and_never_all_of_it(
     assert len(list(tmp_path.glob("**/left.png"))) == 3
 
 
-def test_images_of_another_cycle_are_not_archived_with_this_one(tmp_path: Path, store: ResultStore) -> None:
-    """A wheel that was refused before a shot still has the images of the vehicle before it."""
+def test_images_are_those_of_the_results_and_never_matched_by_their_times(
+    tmp_path: Path, store: ResultStore
+) -> None:
+    """A shot was left with its rig and found by its time, which a clock that is set back gives twice."""
     record = stored(store)
-    mine, before, other_wheel = shot_of(record), shot_of(record, "rear_left"), shot_of(record, "front_right")
-    before = replace(before, time_utc=before.time_utc - timedelta(seconds=30))
-    positions = [SimpleNamespace(last_shot=shot) for shot in (mine, before, None)]
+    mine = replace(shot_of(record), time_utc=NOON - timedelta(days=1))
     with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
-        observer = ArchivingObserver(Observer(), cast(Any, positions), archive)
-        # What is not committed has no record that its images could belong to.
-        positions.append(SimpleNamespace(last_shot=other_wheel))
-        observer.cycle_done(report(cycle(), None))
-        observer.cycle_done(report(record, 1.0))
-    assert {path.name for path in (tmp_path / "images").glob("*/*")} == {
-        f"{record.uuid}-front_left", f"{record.uuid}-front_right",
-    }  # fmt: skip
+        observer = ArchivingObserver(Observer(), archive)
+        observer.cycle_done(report(cycle(), None, {"front_right": shot_of(record, "front_right")}))
+        observer.cycle_done(report(record, 1.0, {"front_left": mine, "front_right": None}))
+    assert {path.name for path in (tmp_path / "images").glob("*/*")} == {f"{record.uuid}-front_left"}
 
 
-def report(record: CycleRecord, committed_s: float | None) -> CycleReport:
-    return CycleReport(cast(Any, None), record, cast(Any, None), committed_s, None)
+def report(
+    record: CycleRecord, committed_s: float | None, shots: Mapping[str, WheelShot | None]
+) -> CycleReport:
+    results = [WheelResult(name, "c", True, None, None, shot=shot) for name, shot in shots.items()]
+    wheels = tuple(JudgedWheel(result, Angle("camber", None), Angle("toe", None)) for result in results)
+    evaluation = Evaluation(wheels, (), None, guard_band=True, coverage_factor=2.0)
+    trigger = Trigger(1, tuple(shots), 1, "V", 0.0)
+    return CycleReport(trigger, record, evaluation, committed_s, None)

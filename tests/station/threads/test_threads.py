@@ -12,7 +12,7 @@ from alignment.errors import CameraError, StoreError, StoreUnavailableError
 from station.cycle.store_thread import StoreThread
 from station.cycle.words import ErrorCode, Mode, Outcome, Reset, StationState, Stop
 from station.threads.health import ThreadWatch
-from station.threads.supervised import SupervisedThread
+from station.threads.supervised import SupervisedThread, described
 from station.threads.worker import Worker, WorkerError
 from tests.station.bench import GATE_S, WHEELS, Bench, assert_set, open_bench
 
@@ -44,7 +44,7 @@ def test_worker_survives_what_a_call_raises_and_counts_it(worker: Worker, error:
     with pytest.raises(type(error)):
         worker.submit(raising(error)).result(GATE_S)
     assert worker.submit(lambda: 5).result(GATE_S) == 5
-    assert (worker.alive, worker.failures, worker.last_error) == (True, 1, error)
+    assert (worker.alive, worker.failures, worker.last_error) == (True, 1, described(error))
 
 
 def test_error_of_the_product_is_the_callers_and_no_defect(worker: Worker) -> None:
