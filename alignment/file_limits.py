@@ -49,10 +49,10 @@ def unfit_kind(mode: int) -> str | None:
 
 def unfit_size(size: int, largest: int) -> str | None:
     """Say how large a file is that is larger than `largest` bytes; None for one that is not."""
-    return None if size <= largest else in_words(size)
+    return None if size <= largest else size_in_words(size)
 
 
-def in_words(size: int) -> str:
+def size_in_words(size: int) -> str:
     """Return a number of bytes as a person reads it."""
     value, units = float(size), ("bytes", "KiB", "MiB", "GiB", "TiB")
     for unit in units[:-1]:

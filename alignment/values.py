@@ -17,6 +17,7 @@ from alignment.geometry.transforms import RigidTransform
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Side = Literal["left", "right"]
+SIDES: tuple[Side, Side] = ("left", "right")
 VEHICLE_POSE_NAMES = tuple(f"vehicle_from_rig.{name}" for name in ("rx", "ry", "rz", "x_mm", "y_mm", "z_mm"))
 
 

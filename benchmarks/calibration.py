@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import subprocess
 import sys
 import tempfile
@@ -30,23 +29,23 @@ import numpy as np
 from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.heads_then_poses import rigid_fit
-from alignment.calibration.observations import CalibrationInput, CameraKey
+from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe
 from sensors.simulation.plate_session import plate_positions
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles
-from station.studies.simulated_views import SimulatedViews, ViewErrors, cameras_of, observe, square_plate
+from station.studies.simulated_views import SimulatedViews, ViewErrors, observe, square_plate
 
 Cameras = dict[CameraKey, PosedCamera]
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 EXACT = ViewErrors(mark_mm=0.0, flatness_mm=0.0, stage_mm=0.0)
 REAL = ViewErrors()
-_ARCMIN = math.pi / 10800.0
 _SLACK = 1.02  # two methods that are both at the optimum differ by what their iterations leave
 
 
@@ -60,7 +59,7 @@ def simulated(seed: int, errors: ViewErrors) -> tuple[RigCalibration, SimulatedV
         for p in plate_positions()
     ]
     views = observe(
-        cameras_of(true), square_plate(errors=errors), poses, np.random.default_rng([seed, 1]), errors
+        cameras_of_rig(true), square_plate(errors=errors), poses, np.random.default_rng([seed, 1]), errors
     )
     return true, views
 
@@ -224,7 +223,7 @@ def compare(
         seconds: dict[str, float] = dict.fromkeys(methods, 0.0)
         for seed in range(count):
             true, views = simulated(seed, errors)
-            cameras = cameras_of(true)
+            cameras = cameras_of_rig(true)
             for method, calibrate in methods.items():
                 started = time.perf_counter()
                 result = calibrate(views.data, cameras)
@@ -232,7 +231,7 @@ def compare(
                 found[method].append(angle_errors(true, result))
         for method in methods:
             rms = float(np.sqrt(np.square(found[method]).mean()))
-            figures[f"{method}_{name}_rms_arcmin"] = rms / _ARCMIN
+            figures[f"{method}_{name}_rms_arcmin"] = rms / ARCMIN
             figures[f"{method}_{name}_seconds"] = seconds[method] / count
     return figures
 

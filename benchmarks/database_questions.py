@@ -21,7 +21,7 @@ from db.queries import (
     GroupBy,
     Quantity,
     ResultReader,
-    moments,
+    characteristic_moments,
     reasons,
     since_last_good_check,
     value_series,
@@ -85,12 +85,14 @@ def questions(reader: ResultReader, cycles: int, rng: random.Random) -> dict[str
             len(yield_counts(reader, where, by=(GroupBy.HOUR,)))
             + len(wheel_counts(reader, where, by=(GroupBy.PART,)))
             + len(reasons(reader, where))
-            + len(moments(reader, where))
+            + len(characteristic_moments(reader, where))
         )
 
     def month(stations: tuple[str, ...]) -> int:
         until = newest()
-        return len(moments(reader, Filter(until - timedelta(days=30), until, stations), (toe(),)))
+        return len(
+            characteristic_moments(reader, Filter(until - timedelta(days=30), until, stations), (toe(),))
+        )
 
     def chart() -> int:
         until = newest()

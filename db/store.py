@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 from uuid import UUID
@@ -70,9 +71,7 @@ from db.schema import (
     zero_measurements,
 )
 
-
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
+_NOW = partial(datetime.now, UTC)
 
 
 class ResultStore:
@@ -109,7 +108,7 @@ class ResultStore:
         *,
         create: bool = False,
         timeout_s: float = 5.0,
-        now: Callable[[], datetime] = _utc_now,
+        now: Callable[[], datetime] = _NOW,
     ) -> None:
         self._url = parse_url(url)
         self._where = describe(self._url)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,7 @@ from sensors.camera import Camera, CameraSettings, Frame
 from sensors.frames import FrameComparison, FrameTolerance
 from sensors.shot import HeadFrames, WheelShot
 
-
-def _utc_now() -> datetime:
-    return datetime.now(UTC)
+_NOW = partial(datetime.now, UTC)
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Rig:
         heads: Sequence[StereoHead],
         settings: CameraSettings | None = None,
         clock: Callable[[], float] = time.monotonic,
-        now: Callable[[], datetime] = _utc_now,
+        now: Callable[[], datetime] = _NOW,
         tolerance: FrameTolerance | None = None,
     ) -> None:
         self.name = name

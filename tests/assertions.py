@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-ARCMIN = math.pi / (180.0 * 60.0)
+from alignment.units import ARCMIN
 
 
 def assert_angle_within(measured: float, expected: float, arcmin: float, what: str = "angle") -> None:

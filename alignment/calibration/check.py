@@ -10,12 +10,12 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.calibration.contour import contour_shift
-from alignment.calibration.observations import CalibrationInput, CameraKey
+from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, angle_sensitivity, camera_derivatives
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry.transforms import RigidTransform, cross_matrices
 from alignment.imaging.plate import MarkObservations
 from alignment.values import RigCalibration
 
@@ -157,9 +157,7 @@ def check_with_plate(
 
 
 def _cameras(data: CalibrationInput, calibration: RigCalibration) -> list[PosedCamera]:
-    known: dict[CameraKey, PosedCamera] = {}
-    for head in calibration.heads:
-        known[head.name, "left"], known[head.name, "right"] = head.cameras
+    known = cameras_of_rig(calibration)
     sizes = {key: (camera.model.width, camera.model.height) for key, camera in known.items()}
     if sizes != data.sizes:
         differ = sorted(
@@ -243,7 +241,7 @@ def _estimate(
             first = views[sight.view]
             block[:, :, first + 3 : first + _POSE] = by_point
             if not staged[sight.view]:
-                block[:, :, first : first + 3] = -by_point @ pose.rotation @ _cross(sight.marks)
+                block[:, :, first : first + 3] = -by_point @ pose.rotation @ cross_matrices(sight.marks)
             rows.append((block * weight[:, None, None]).reshape(-1, size))
             right.append((residual * weight[:, None]).ravel())
         for v in (v for v, held in enumerate(staged) if held):
@@ -272,14 +270,6 @@ def _weights(sights: list[_Sight], residuals: list[Array], *, robust: bool) -> l
         1.0 / (sight.sigma * np.sqrt(1.0 + (each / far) ** 2))
         for sight, each in zip(sights, scaled, strict=True)
     ]
-
-
-def _cross(points: Array) -> Array:
-    """(N, 3, 3) matrices [p]×."""
-    x, y, z = points.T
-    zero = np.zeros_like(x)
-    out: Array = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    return out
 
 
 def _rms(residuals: Array) -> float:

@@ -173,7 +173,7 @@ def _fit(candidate: Candidate, points: Array, errors: Array) -> ErrorModel | Non
     )
 
 
-def choose_model(points: Array, errors: Array, candidates: Sequence[Candidate]) -> ErrorModel:
+def choose_correction(points: Array, errors: Array, candidates: Sequence[Candidate]) -> ErrorModel:
     """Fit all candidates and return the simplest that is as good on left-out points as the best.
 
     As good: its squared left-out errors exceed those of the best by no more than one standard error of the
@@ -209,7 +209,7 @@ def left_out_errors(
     fold = np.arange(len(errors)) % folds
     for k in range(min(len(errors), folds)):
         out = fold == k
-        model = choose_model(points[~out], errors[~out], candidates)
+        model = choose_correction(points[~out], errors[~out], candidates)
         remaining[out] = errors[out] - model(points[out])
     return remaining
 
@@ -303,5 +303,5 @@ def fit_correction(
         raise DegenerateInputError(field="points", expected="points at different places", seen="one place")
     scaled = _scaled(points, lowest, highest, axes)
     candidates = make_candidates(len(axes))
-    x, y, z = (choose_model(scaled[k], e[k], candidates) for k, e in zip(known.T, errors.T, strict=True))
+    x, y, z = (choose_correction(scaled[k], e[k], candidates) for k, e in zip(known.T, errors.T, strict=True))
     return Correction((x, y, z), lowest, highest, axes)

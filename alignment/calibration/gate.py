@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,9 +15,9 @@ from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty
 from alignment.calibration.scale import scale_in_moves
 from alignment.errors import DegenerateInputError
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration
 
-ARCMIN = math.pi / (180.0 * 60.0)
 _NEIGHBOURS = 8
 _COVERAGE_FACTOR = 2.0
 
@@ -101,7 +100,7 @@ class CameraFigures:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class GateJudgement:
     """The gate's answer; true when accepted.
 
     Attributes
@@ -126,7 +125,7 @@ class Judgement:
         return self.problem is None
 
 
-def judge_input(data: CalibrationInput, limits: GateLimits | None = None) -> Judgement:
+def judge_input(data: CalibrationInput, limits: GateLimits | None = None) -> GateJudgement:
     """Judge what can be told before an adjustment: views and marks are there."""
     limits = limits or GateLimits()
     for view in data.views:
@@ -134,12 +133,12 @@ def judge_input(data: CalibrationInput, limits: GateLimits | None = None) -> Jud
         # A plate held by hand may be out of some cameras' sight; on the stage it fills all fields.
         if len(blind) == len(data.cameras) or (blind and view.stage_mm is not None):
             whom = "any camera" if len(blind) == len(data.cameras) else ", ".join(map(" ".join, blind))
-            return Judgement(
+            return GateJudgement(
                 CalibrationProblem.MISSING_VIEW,
                 f"view {view.name} shows no marks to {whom}; take it again, or leave it out of the session",
             )
     if len(data.views) < limits.views:
-        return Judgement(
+        return GateJudgement(
             CalibrationProblem.TOO_FEW_VIEWS,
             f"{len(data.views)} views of the plate, at least {limits.views} are needed; "
             "add views at other heights of the stage",
@@ -147,25 +146,27 @@ def judge_input(data: CalibrationInput, limits: GateLimits | None = None) -> Jud
     for key in data.cameras:
         count = sum(len(_marks_of(view.observations.get(key))) for view in data.views)
         if count < limits.marks:
-            return Judgement(
+            return GateJudgement(
                 CalibrationProblem.TOO_FEW_MARKS,
                 f"{' '.join(key)} saw {count} marks in all views, at least {limits.marks} are needed; "
                 "use a plate that fills its field, or add views",
             )
-    return Judgement(None, "views and marks are there")
+    return GateJudgement(None, "views and marks are there")
 
 
 def judge_failure(
     data: CalibrationInput, error: DegenerateInputError, settings: AdjustmentSettings | None = None
-) -> Judgement:
+) -> GateJudgement:
     """Explain an adjustment that could not be made: by a view that contradicts the others, or as it says."""
     finding = diagnose(data, settings or AdjustmentSettings())
     if finding is not None:
-        return Judgement(CalibrationProblem.WRONG_INPUT, finding)
-    return Judgement(CalibrationProblem.NOT_DETERMINED, str(error))
+        return GateJudgement(CalibrationProblem.WRONG_INPUT, finding)
+    return GateJudgement(CalibrationProblem.NOT_DETERMINED, str(error))
 
 
-def judge(adjustment: Adjustment, calibration: RigCalibration, limits: GateLimits | None = None) -> Judgement:
+def judge_calibration(
+    adjustment: Adjustment, calibration: RigCalibration, limits: GateLimits | None = None
+) -> GateJudgement:
     """Accept a calibration, or refuse it and say what to add.
 
     Parameters
@@ -181,18 +182,18 @@ def judge(adjustment: Adjustment, calibration: RigCalibration, limits: GateLimit
     before = judge_input(adjustment.data, limits)
     figures = camera_figures(adjustment)
     if not before:
-        return Judgement(before.problem, before.reason, figures)
+        return GateJudgement(before.problem, before.reason, figures)
     found = _wrong(adjustment, calibration, figures, limits) or _weak(adjustment, figures, limits)
     if found is not None:
-        return Judgement(*found, figures)
+        return GateJudgement(*found, figures)
     try:
         u = predict_angle_uncertainty(calibration, limits.wheel)
     except DegenerateInputError as error:
-        return Judgement(CalibrationProblem.COVERAGE, str(error), figures)
+        return GateJudgement(CalibrationProblem.COVERAGE, str(error), figures)
     camber, toe = (_COVERAGE_FACTOR * value for value in u)
     worst = max(camber, toe)
     if worst > limits.angle_u95:
-        return Judgement(
+        return GateJudgement(
             CalibrationProblem.UNCERTAIN,
             f"the calibration alone would make camber uncertain by ±{camber / ARCMIN:.3f}′ and toe by "
             f"±{toe / ARCMIN:.3f}′ (95 %), allowed is ±{limits.angle_u95 / ARCMIN:.3f}′; add views, farther "
@@ -201,7 +202,7 @@ def judge(adjustment: Adjustment, calibration: RigCalibration, limits: GateLimit
             camber,
             toe,
         )
-    return Judgement(
+    return GateJudgement(
         None,
         f"camber ±{camber / ARCMIN:.3f}′, toe ±{toe / ARCMIN:.3f}′ (95 %) from the calibration; residuals "
         f"{adjustment.rms_px:.3f} px RMS",

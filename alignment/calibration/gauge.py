@@ -17,15 +17,15 @@ from alignment.arrays import Array
 from alignment.believable import LARGEST_MOUNTING, LARGEST_SHIFT, LARGEST_TURN, pose_slip, turn_from_nominal
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, solve
 from alignment.calibration.equations import normal_equations
-from alignment.calibration.gate import ARCMIN
-from alignment.calibration.observations import CalibrationInput, CameraKey
+from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.calibration.problem import LOCAL, POSE, Priors, Problem, build_problem, initial_state
 from alignment.calibration.projection import INTRINSICS
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry.transforms import RigidTransform, cross_matrices
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration
 from alignment.vehicle.angles import camber_toe
 
@@ -290,9 +290,7 @@ def predicted_u95(placed: PlacedRig) -> tuple[float, float] | None:
 
 
 def _cameras(data: CalibrationInput, calibration: RigCalibration) -> dict[CameraKey, PosedCamera]:
-    cameras: dict[CameraKey, PosedCamera] = {}
-    for head in calibration.heads:
-        cameras[head.name, "left"], cameras[head.name, "right"] = head.cameras
+    cameras = cameras_of_rig(calibration)
     sizes = {key: (camera.model.width, camera.model.height) for key, camera in cameras.items()}
     if sizes != data.sizes or tuple(sizes) != data.cameras:
         raise DegenerateInputError(
@@ -326,7 +324,8 @@ def _by_plate_in_rig(rig_from_plate: RigidTransform, vehicle_from_rig: RigidTran
     out = np.zeros((6, 6))
     out[:3, :3] = -rig_from_plate.rotation
     # The plate stays in the vehicle: what it moves in the rig, the rig moves the other way about it.
-    out[3:, :3] = -vehicle_from_rig.rotation @ _cross(rig_from_plate.translation) @ rig_from_plate.rotation
+    moved = cross_matrices(rig_from_plate.translation) @ rig_from_plate.rotation
+    out[3:, :3] = -vehicle_from_rig.rotation @ moved
     out[3:, 3:] = -vehicle_from_rig.rotation
     return out
 
@@ -335,11 +334,6 @@ def _by_plate_in_vehicle(rig_from_plate: RigidTransform, vehicle_from_plate: Rig
     """(6, 6) change of `vehicle_from_rig` per change of `vehicle_from_plate`."""
     out = np.zeros((6, 6))
     out[:3, :3] = rig_from_plate.rotation
-    out[3:, :3] = -vehicle_from_plate.rotation @ _cross(rig_from_plate.inverse().translation)
+    out[3:, :3] = -vehicle_from_plate.rotation @ cross_matrices(rig_from_plate.inverse().translation)
     out[3:, 3:] = np.eye(3)
     return out
-
-
-def _cross(vector: Array) -> Array:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -8,10 +8,22 @@ from typing import Literal
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
+from alignment.geometry.cameras import PosedCamera
 from alignment.imaging.plate import MarkObservations, Plate
+from alignment.values import SIDES, RigCalibration
 
 CameraKey = tuple[str, Literal["left", "right"]]
 """Name of the head, and which of its cameras."""
+
+
+def cameras_of_rig(calibration: RigCalibration) -> dict[CameraKey, PosedCamera]:
+    """Every camera of a rig by head and side, left before right."""
+    return {
+        (head.name, side): camera
+        for head in calibration.heads
+        for side, camera in zip(SIDES, head.cameras, strict=True)
+    }
+
 
 # A tolerance of ±a, evenly distributed, has the standard uncertainty a/√3 (JCGM 100, 4.3.7).
 MARK_SIGMA_MM = 0.01 / math.sqrt(3.0)

@@ -13,6 +13,7 @@ from alignment.calibration.cross_pairs import CrossPairs
 from alignment.calibration.dense import products
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
+from alignment.robust import BIWEIGHT, deviation_of
 from alignment.stereo.rectification import Rectification
 from alignment.values import HeadCalibration, RigCalibration
 
@@ -20,7 +21,6 @@ _LEAST_PAIRS = 60
 _LEAST_SIGMA_PX = 0.02
 _SYSTEMATIC_PX = 0.03  # what crosses of one shot have in common: the projector's lines, gloss
 _STEPS = np.array([1e-6] * 3 + [1e-4] * 3)
-_TUKEY = 4.685
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ def row_differences(head: HeadCalibration, pairs: CrossPairs) -> Array:
 
 def robust_rms(values: Array) -> float:
     """RMS without the pairs that are wrong."""
-    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    spread = deviation_of(values - np.median(values))
     near = values[np.abs(values - np.median(values)) <= 5.0 * spread + 1e-12]
     return float(np.sqrt(np.square(near).mean()))
 
@@ -117,8 +117,8 @@ def row_equations(calibration: RigCalibration, head: int, pairs: CrossPairs) -> 
         weighted = smooth * weight[:, None]
         fit = np.linalg.solve(products(weighted, smooth), np.einsum("na,n->a", weighted, values))
         rest = values - smooth @ fit
-        sigma = max(1.4826 * float(np.median(np.abs(rest))), _LEAST_SIGMA_PX)
-        weight = np.clip(1.0 - (rest / (_TUKEY * sigma)) ** 2, 0.0, None)
+        sigma = max(deviation_of(rest), _LEAST_SIGMA_PX)
+        weight = np.clip(1.0 - (rest / (BIWEIGHT * sigma)) ** 2, 0.0, None)
     # Crosses of one shot share errors, so the noise does not average down for ever.
     effective = float(weight.sum())
     sigma = math.sqrt(sigma**2 + effective * _SYSTEMATIC_PX**2 / 4.0) if effective > 0 else sigma

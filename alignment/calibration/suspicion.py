@@ -19,7 +19,7 @@ from alignment.calibration.prediction import angle_sensitivity
 from alignment.calibration.row_equations import Equations, camera_rows
 from alignment.values import RigCalibration
 
-Part = Literal["left", "right", "head"]
+_Part = Literal["left", "right", "head"]
 
 _FALSE_ALARM = 1e-5  # of a rig that has not changed
 _NUMBERS = 6  # of a movement
@@ -45,7 +45,7 @@ class Explanation:
     """
 
     head: int
-    part: Part
+    part: _Part
     gain: float
     rest: float
     unseen: tuple[float, float]
@@ -81,7 +81,7 @@ def explanations(
     angles = angle_sensitivity(calibration)
     misfit = float(values @ np.linalg.solve(spread, values))
     out = []
-    parts: tuple[Part, ...] = ("left", "right", "head")
+    parts: tuple[_Part, ...] = ("left", "right", "head")
     for part in parts:
         basis = _moves(calibration, head, part)
         moves = h @ basis
@@ -119,7 +119,7 @@ def is_whole_head(found: Sequence[Explanation], equations: int, clear: float) ->
     return best.part == "head" or (mine["head"] - alone) / noise < clear
 
 
-def _moves(calibration: RigCalibration, head: int, part: Part) -> Array:
+def _moves(calibration: RigCalibration, head: int, part: _Part) -> Array:
     """(P, 6) change of all parameters of the calibration by the movement of a camera or a head.
 
     A camera turns about its own axes at its centre; a head about the rig's at the middle of its cameras.

@@ -19,6 +19,7 @@ from alignment.calibration.dense import products
 from alignment.calibration.prediction import line_sensitivity, profile_basis
 from alignment.calibration.row_equations import Equations, camera_rows, compressed
 from alignment.errors import DegenerateInputError
+from alignment.robust import deviation_of
 from alignment.stereo.correspondence import Candidates, match_heads, match_lines
 from alignment.stereo.surface import nearest_candidates, plane_hypotheses
 from alignment.values import MeasureSettings, RigCalibration
@@ -256,7 +257,7 @@ def _eliminated(base: WheelBase, moved: _Rows, calibration: RigCalibration) -> t
         normal[range(len(normal)), range(len(normal))] += mean * np.append(pull, np.full(6, _WEAK**2))
         step = np.linalg.solve(normal, np.einsum("na,n->a", design, weight * rows.height))
         rest = rows.height - np.einsum("na,a->n", design, step)
-        scale = max(1.4826 * float(np.median(np.abs(rest) / rows.sigma)), 0.3)
+        scale = max(deviation_of(rest / rows.sigma), 0.3)
         cut = _TUKEY * scale * (2.0 if number < 2 else 1.0)
         tukey = np.clip(1.0 - (rest / (cut * rows.sigma)) ** 2, 0.0, None) ** 2
         weight = tukey / (scale * rows.sigma) ** 2

@@ -93,3 +93,11 @@ class RigidTransform:
         """
         step = Rotation.from_rotvec(np.asarray(rotvec, float)).as_matrix()
         return RigidTransform(self.rotation @ step, self.translation + np.asarray(translation, float))
+
+
+def cross_matrices(vectors: Array) -> Array:
+    """Return the matrices (…, 3, 3) of the cross products v × of vectors (…, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+    return np.moveaxis(rows, (0, 1), (-2, -1))

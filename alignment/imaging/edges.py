@@ -14,13 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 from scipy import ndimage
-from skimage import filters as _filters
+from skimage import filters as untyped_filters
 
 from alignment.arrays import Array, Singles
 from alignment.errors import DegenerateInputError
 from alignment.values import Image
 
-filters: Any = _filters  # without types of its own
+_filters: Any = untyped_filters  # without types of its own
 
 _SMOOTHING = 1.4  # standard deviation of Canny's and Marr–Hildreth's Gaussian, pixels
 _DECAY = 0.5  # Shen–Castan's exponential: weight of the next pixel
@@ -181,7 +181,7 @@ def _crests(gx: Singles, gy: Singles, strong: float, linked: bool) -> EdgePoints
     if linked:
         thin = np.zeros_like(slope)
         thin[y[crest], x[crest]] = slope[y[crest], x[crest]]
-        kept = filters.apply_hysteresis_threshold(thin, _WEAK * top, strong * top)
+        kept = _filters.apply_hysteresis_threshold(thin, _WEAK * top, strong * top)
         crest &= kept[y, x]
     curvature = np.maximum(2.0 * here - ahead - behind, 1e-12)
     shift = (0.5 * (ahead - behind) / curvature * reach)[crest]

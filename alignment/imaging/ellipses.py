@@ -8,6 +8,7 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
+from alignment.robust import deviation_of
 
 _STEPS = 30
 
@@ -108,8 +109,8 @@ def refine_ellipse(points: Array, centre: Array, shape: Array) -> tuple[Array, A
     rms = math.inf
     for _ in range(_STEPS):
         distance, j = _distances(points, p)
-        # 1.4826 times the median of |d| is the standard deviation; 2.5 of them part the far from the near.
-        clip = max(2.5 * 1.4826 * float(np.median(np.abs(distance))), 1e-9)
+        # Two and a half deviations part the far from the near.
+        clip = max(2.5 * deviation_of(distance), 1e-9)
         weight = np.minimum(1.0, clip / np.maximum(np.abs(distance), 1e-12))
         normal = j.T @ (weight[:, None] * j)
         step = np.linalg.solve(normal, -j.T @ (weight * distance))

@@ -13,6 +13,7 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.imaging.marks import Exposure, RoughMarks
 from alignment.imaging.thresholds import THRESHOLDS
+from alignment.robust import deviation_of
 from alignment.values import Image
 
 _POOL = 4  # pixels of the image per pixel of the map of light
@@ -42,7 +43,7 @@ def exposure_of(image: Image) -> Exposure:
     steps = np.abs(np.diff(sample, axis=1))
     second = np.abs(np.diff(sample, n=2, axis=1))
     # Median of |a − 2b + c| is 0.6745 √6 σ; most pixels lie on even ground.
-    noise = float(np.median(second)) / (0.6745 * math.sqrt(6.0))
+    noise = deviation_of(second) / math.sqrt(6.0)
     return Exposure(
         dark=float(dark),
         bright=float(bright),

@@ -28,7 +28,7 @@ CX, CY, A, B, C, BLUR, MARK, GROUND, SLOPE_X, SLOPE_Y, RATIO, OFFSET_X, OFFSET_Y
 FULL, RING = 10, 13
 #: Columns of the answer after the parameters: variances xx, xy, yy; RMS residual; pixels; steps (0 = failed).
 VXX, VXY, VYY, RMS, PIXELS, STEPS = range(13, 19)
-COLUMNS = 19
+_COLUMNS = 19
 
 _HALF = math.sqrt(0.5)
 _DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
@@ -318,7 +318,7 @@ def fit_ellipses(image: Any, start: Array, ring: Mask, noise: float) -> Array:
     """
     height, width = image.shape
     count = start.shape[0]
-    answer = np.zeros((count, COLUMNS))
+    answer = np.zeros((count, _COLUMNS))
     n, low = np.zeros((RING, RING)), np.zeros((RING, RING))
     g, step = np.zeros(RING), np.zeros(RING)
     for i in range(count):

@@ -12,7 +12,7 @@ from alignment.arrays import Index
 from alignment.imaging.mark_plane import PlaneView
 from alignment.imaging.marks import Marks, upper_factor
 
-FEWEST = 6  # marks that make a grid
+FEWEST_MARKS = 6  # marks that make a grid
 _STEP_TOLERANCE = 0.2  # of a step's length, between neighbours
 _ANGLE_TOLERANCE = math.radians(25.0)
 _SIZE_TOLERANCE = 1.6  # ratio of the areas of neighbours
@@ -59,7 +59,7 @@ def walk_grid(marks: Marks, step: float) -> Grid:
             best = places
     rows = np.array(sorted(best), dtype=np.int64)
     places_ = np.array([best[int(k)] for k in rows], dtype=np.int64).reshape(-1, 2)
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_MARKS:
         return Grid(rows, places_)
     return _completed(marks, Grid(rows, places_))
 

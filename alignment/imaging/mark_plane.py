@@ -49,7 +49,7 @@ class PlaneView:
 
         def view(bend: Array) -> PlaneView:
             ideal = _unbent(pixels, bend, middle, corner)
-            return cls(fit_homography(ideal, plane), bend, middle, corner)
+            return cls(fit_grid_homography(ideal, plane), bend, middle, corner)
 
         def away(bend: Array) -> Array:
             places = map_points(view(bend).plane_from_ideal, _unbent(pixels, bend, middle, corner))
@@ -110,7 +110,7 @@ def _unbent(pixels: Array, bend: Array, middle: Array, corner: float) -> Array:
     return result
 
 
-def fit_homography(plane: Array, pixels: Array) -> Array:
+def fit_grid_homography(plane: Array, pixels: Array) -> Array:
     """Homography (3, 3) from points of a plane (N, 2) to pixels (N, 2), N ≥ 4, all points with equal weight.
 
     Direct linear transformation in normalised coordinates (Hartley), once repeated with the weights that make

@@ -12,9 +12,9 @@ from alignment.arrays import Index, Mask
 from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_grid import FEWEST, Grid, walk_grid
+from alignment.imaging.mark_grid import FEWEST_MARKS, Grid, walk_grid
 from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.mark_plane import PlaneView, fit_homography
+from alignment.imaging.mark_plane import PlaneView, fit_grid_homography
 from alignment.imaging.marks import Marks
 from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import Image
@@ -132,7 +132,7 @@ def identify_marks(
     if wrong is not None:
         return wrong
     grid = walk_grid(marks, plane.pitch / plate.mark_radius_mm)
-    if len(grid.rows) < FEWEST:
+    if len(grid.rows) < FEWEST_MARKS:
         return PlateRefusal(
             PlateRefusalCode.NO_GRID,
             f"{len(marks)} round marks were found, but at most {len(grid.rows)} lie on a grid with pitch "
@@ -144,7 +144,7 @@ def identify_marks(
         return place
     known = np.flatnonzero(place >= 0)
     rows, seen = grid.rows[known], place[known]
-    homography = fit_homography(plate.points[seen, :2], marks.points[rows])
+    homography = fit_grid_homography(plate.points[seen, :2], marks.points[rows])
     missing = _missing(
         PlaneView.fit(plate.points[seen, :2], marks.points[rows], marks.size), plate, marks, seen
     )
@@ -295,7 +295,7 @@ def _bad_exposure(marks: Marks, plate: Plate) -> PlateRefusal | None:
     exposure = marks.exposure
     span = exposure.bright - exposure.dark
     shades = f"grey levels {exposure.dark:.0f} … {exposure.bright:.0f}"
-    if len(marks) >= FEWEST:
+    if len(marks) >= FEWEST_MARKS:
         if float(np.mean(marks.saturated)) > 0.5:
             return PlateRefusal(
                 PlateRefusalCode.SATURATED,
@@ -329,7 +329,7 @@ def _bad_exposure(marks: Marks, plate: Plate) -> PlateRefusal | None:
         )
     return PlateRefusal(
         PlateRefusalCode.NO_MARKS,
-        f"only {len(marks)} round marks were found, at least {FEWEST} are needed. "
+        f"only {len(marks)} round marks were found, at least {FEWEST_MARKS} are needed. "
         f"Put the plate with marks of radius {plate.mark_radius_mm:g} mm into the camera's field.",
     )
 

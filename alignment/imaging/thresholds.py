@@ -13,12 +13,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from skimage import filters as _filters
+from skimage import filters as untyped_filters
 
 from alignment.arrays import Array
+from alignment.robust import deviation_of
 from alignment.values import Image
 
-filters: Any = _filters  # without types of its own
+_filters: Any = untyped_filters  # without types of its own
 Threshold = Callable[[Image], "float | Array"]
 
 _BINS = 256
@@ -50,7 +51,7 @@ def p_tile(image: Image, fraction: float = _FULL_MARK) -> float:
 def valley(image: Image) -> float:
     """Lowest place between the two peaks of the histogram, smoothed until it has two (Prewitt–Mendelsohn)."""
     try:
-        return float(filters.threshold_minimum(hist=histogram(image)))
+        return float(_filters.threshold_minimum(hist=histogram(image)))
     except RuntimeError:  # scikit-image's word for a histogram that never shows two peaks
         return otsu(image)
 
@@ -70,7 +71,7 @@ def iterative(image: Image) -> float:
     """Middle of the means of both sides, repeated until it stays (Ridler–Calvard)."""
     if image.min() == image.max():
         return float(image.min())
-    return float(filters.threshold_isodata(hist=histogram(image)))
+    return float(_filters.threshold_isodata(hist=histogram(image)))
 
 
 def otsu(image: Image) -> float:
@@ -165,9 +166,7 @@ def _bimodal_threshold(window: Image) -> float:
     if weights.min() < _LEAST_CLASS * window.size:
         return math.nan
     means = np.array([np.median(values) for values in classes])
-    spreads = np.array(
-        [1.4826 * np.median(np.abs(values - m)) for values, m in zip(classes, means, strict=True)]
-    )
+    spreads = np.array([deviation_of(values - m) for values, m in zip(classes, means, strict=True)])
     spreads = np.maximum(spreads, 0.5)
     if means[1] - means[0] < _SEPARATION * spreads.sum():
         return math.nan

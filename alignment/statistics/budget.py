@@ -49,7 +49,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class Line:
+class BudgetLine:
     """A component in the budget: its share of the process variance; 0 where another stands for it."""
 
     component: Component
@@ -71,7 +71,7 @@ class UncertaintyBudget:
         Narrowest tolerances for which both keep their limits.
     """
 
-    lines: tuple[Line, ...]
+    lines: tuple[BudgetLine, ...]
     tolerance: float
     coverage_factor: float
     u_ms: float
@@ -155,7 +155,7 @@ def budget(
     total = system + variance[spread_mp] + math.fsum(variance[kind] for kind in _PROCESS)
     counted = {*_SYSTEM, *_PROCESS, spread_mp}
     lines = tuple(
-        Line(
+        BudgetLine(
             component,
             100.0 * component.u**2 / total if component.kind in counted and total > 0.0 else 0.0,
             component.kind in counted,

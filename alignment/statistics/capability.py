@@ -16,7 +16,7 @@ from scipy import stats
 from scipy.special import log_ndtr
 
 from alignment.errors import DegenerateInputError
-from alignment.statistics.choices import Judgement
+from alignment.statistics.choices import Conclusion
 from alignment.statistics.moments import Moments, as_values
 from alignment.statistics.spread import ALL_EQUAL, CURE
 
@@ -81,7 +81,7 @@ class Capability:
 class CapabilityJudgement:
     """Whether a process has shown that it is capable, and why."""
 
-    judgement: Judgement
+    judgement: Conclusion
     reason: str
 
 
@@ -95,27 +95,27 @@ def judged(found: Capability, least: float = LEAST_CPK) -> CapabilityJudgement:
     """
     n = found.overall.n
     if not found.overall.varied:
-        return CapabilityJudgement(Judgement.NONE, f"{ALL_EQUAL}: {CURE}")
+        return CapabilityJudgement(Conclusion.NONE, f"{ALL_EQUAL}: {CURE}")
     index = found.decisive
     if index is None:
         return CapabilityJudgement(
-            Judgement.NONE, f"Values of one hour are all equal: no short-term spread was seen: {CURE}"
+            Conclusion.NONE, f"Values of one hour are all equal: no short-term spread was seen: {CURE}"
         )
     if n < LEAST_VALUES:
         return CapabilityJudgement(
-            Judgement.NONE, f"{n} values say nothing of a process: measure {LEAST_VALUES} at least"
+            Conclusion.NONE, f"{n} values say nothing of a process: measure {LEAST_VALUES} at least"
         )
     name = "Ppk" if index is found.ppk else "Cpk"
     limit = f"the lower limit of {name}, {index.low:.2f}, is"
     if index.low > least:
-        return CapabilityJudgement(Judgement.SHOWN, f"{limit} above {least:g}")
+        return CapabilityJudgement(Conclusion.SHOWN, f"{limit} above {least:g}")
     if index.high < least:
         return CapabilityJudgement(
-            Judgement.NOT_SHOWN,
+            Conclusion.NOT_SHOWN,
             f"{limit} below {least:g}, and so is the upper: centre the process or narrow it",
         )
     more = "more values may show it" if index.value > least else "centre the process or narrow it"
-    return CapabilityJudgement(Judgement.NOT_SHOWN, f"{limit} not above {least:g}: {more}")
+    return CapabilityJudgement(Conclusion.NOT_SHOWN, f"{limit} not above {least:g}: {more}")
 
 
 def capability(

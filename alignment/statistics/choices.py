@@ -21,7 +21,7 @@ class ChartKind(enum.StrEnum):
     INDIVIDUALS = "individuals"
 
 
-class Judgement(enum.StrEnum):
+class Conclusion(enum.StrEnum):
     """What may be said of a process or a gauge that had to show something.
 
     Nothing that was not measured is shown: where the spread is a quotient of nothing by nothing, or values

@@ -54,7 +54,7 @@ def triangulate(
     return points, gap
 
 
-def point_covariance(left: PosedCamera, right: PosedCamera, points: Array, sigma_px: float) -> Array:
+def noise_covariance(left: PosedCamera, right: PosedCamera, points: Array, sigma_px: float) -> Array:
     """(N, 3, 3) covariance, millimetres², of points (N, 3) seen with isotropic pixel noise in both cameras.
 
     First order: the inverse of Σ Jᵀ J / σ² over the two projections. It covers image noise alone, not the

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from alignment import robust
 from alignment.arrays import Array, Index, Mask
 from alignment.kernels import njit
 
@@ -76,7 +77,7 @@ def undisturbed(ratio: Array, inside: Mask, line: Index, scale: float) -> Mask:
         first = last
     if found == 0:
         return keep
-    limit = _SHARED * 1.4826 * np.median(sample[: found : max(1, found // _SAMPLE)])
+    limit = _SHARED * robust.DEVIATION_OF_MEDIAN * np.median(sample[: found : max(1, found // _SAMPLE)])
     for i in range(n):
         bad[i] = mean[i] > limit
     _clear_around(bad, line, _BESIDE_SHARED, keep)

@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 
+from alignment import robust
 from alignment.arrays import Array, Index
 from alignment.kernels import njit
 from alignment.stereo.correspondence import GAIN, LEAN, RATIO
@@ -128,7 +129,7 @@ def _shifts(points: Array, light: Array, axes: Array, normal: Array, centre: Arr
                 found += 1
         if found == 0:
             return
-        limit = max(_CUT * 1.4826 * np.median(rest[:found]), 1e-9)
+        limit = max(_CUT * robust.DEVIATION_OF_MEDIAN * np.median(rest[:found]), 1e-9)
         for i in range(some):
             u = misfit[i] / limit
             weight[i] = (1.0 - u * u) ** 2 if abs(u) < 1.0 else 0.0

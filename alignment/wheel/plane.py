@@ -8,9 +8,9 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
+from alignment.robust import BIWEIGHT, deviation_of
 
 _LEAST_INFORMATION = 0.3  # of the weights; less is no fit
-_TUKEY = 4.685
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +60,8 @@ def fit_plane(points: Array, cluster: Index, normal: Array, *, iterations: int =
         settled = iteration > 0 and np.abs(n - axes[2]).max() < 1e-10
         axes = np.array([vectors[:, 2], np.cross(n, vectors[:, 2]), n])
         residuals = centred @ n
-        scale = max(1.4826 * float(np.median(np.abs(residuals))), 1e-9)
-        u = np.minimum(np.abs(residuals) / (_TUKEY * scale), 1.0)
+        scale = max(deviation_of(residuals), 1e-9)
+        u = np.minimum(np.abs(residuals) / (BIWEIGHT * scale), 1.0)
         weights = (1.0 - u * u) ** 2
         if settled:
             break

@@ -16,7 +16,7 @@ from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import take_points
 from alignment.wheel import revolution_kernels as kernels
 from alignment.wheel.disturbance import undisturbed
-from alignment.wheel.revolution_kernels import AXIS, DEVIATION, FEWEST, TUKEY, VALUE, WEIGHT
+from alignment.wheel.revolution_kernels import AXIS, DEVIATION, FEWEST_POINTS, TUKEY, VALUE, WEIGHT
 from alignment.wheel.revolution_steps import (
     SETTLED,
     SINGULAR,
@@ -135,8 +135,8 @@ def fit_revolution(
     """
     n = len(points)
     spread = np.zeros(n) if spread is None else spread
-    if n < FEWEST:
-        raise DegenerateInputError(field="points", expected=f"at least {FEWEST} points", seen=str(n))
+    if n < FEWEST_POINTS:
+        raise DegenerateInputError(field="points", expected=f"at least {FEWEST_POINTS} points", seen=str(n))
     state = _State(frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
     # A rough profile on few points first, then the fine one, at last on all points.
     for thin, step, first_cut, iterations, settled in (
@@ -277,7 +277,7 @@ class _Data:
             raise DegenerateInputError(
                 field="points",
                 expected="points around one axis",
-                seen=f"fewer than {FEWEST} within the profile",
+                seen=f"fewer than {FEWEST_POINTS} within the profile",
             )
         if outcome == SINGULAR:
             raise _undetermined()

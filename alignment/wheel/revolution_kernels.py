@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
+from alignment import robust
 from alignment.arrays import Array, Index
 from alignment.kernels import njit
 
 AXIS = 4  # unknowns of the axis: two tilts, two shifts; the profile's coefficients follow
-FEWEST = 50  # points within the profile for a fit
+FEWEST_POINTS = 50  # points within the profile for a fit
 ACROSS = 0.035  # mm; where the surface bends and shines, light and shape shift a point's place on the slope
 BEND = 0.3  # of a line's spread; a bend within it moves the two cameras' middles apart, by a height like that
 _SIXTH = 1.0 / 6.0
@@ -320,7 +321,7 @@ def weigh(table: Array, first: Index, cut: float, floor: float) -> float:
     inside = 0
     for i in range(first.size):
         inside += first[i] >= 0
-    if inside < FEWEST:
+    if inside < FEWEST_POINTS:
         return -1.0
     thin = max(1, inside // 4000)
     ratio = np.empty(inside // thin + 1)
@@ -331,7 +332,7 @@ def weigh(table: Array, first: Index, cut: float, floor: float) -> float:
                 ratio[found] = abs(values[i]) / deviation[i]
                 found += 1
             seen += 1
-    scale = max(1.4826 * np.median(ratio[:found]), floor)
+    scale = max(robust.DEVIATION_OF_MEDIAN * np.median(ratio[:found]), floor)
     for i in range(first.size):
         u = values[i] / (deviation[i] * cut * scale)
         rest = (1.0 - u * u) if (first[i] >= 0) & (abs(u) < 1.0) else 0.0

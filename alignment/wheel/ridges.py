@@ -13,6 +13,7 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
+from alignment.robust import deviation_of
 from alignment.wheel.plane import PlaneFit
 from alignment.wheel.revolution import RevolutionFit
 
@@ -144,7 +145,7 @@ def _plane(points: Array, normal: Array) -> PlaneFit:
             raise DegenerateInputError(field="points", expected="bends that span a plane", seen="a line")
         n = vectors[2] * (1.0 if vectors[2] @ normal > 0 else -1.0)
         residuals = (points - centroid) @ n
-        scale = 1.4826 * float(np.median(np.abs(residuals[kept])))
+        scale = deviation_of(residuals[kept])
         worst = int(np.argmax(np.where(kept, np.abs(residuals), -1.0)))
         if kept.sum() <= 4 or abs(residuals[worst]) <= _OUTLIER * scale:
             break

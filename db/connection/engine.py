@@ -15,7 +15,7 @@ from sqlalchemy.exc import ArgumentError
 
 from alignment.errors import ConfigurationError
 from alignment.file_limits import unfit_kind
-from db.connection.files import WatchedConnection, companions, identity_of, replaced
+from db.connection.files import WatchedConnection, companions, file_is_lost, identity_of
 from db.connection.server import bounded_connection
 
 _DRIVERS = {"sqlite": "sqlite+pysqlite", "postgresql": "postgresql+psycopg"}
@@ -207,7 +207,7 @@ class _SqliteCreator:
         opened = {path: identity_of(path) for path in (self._path, *beside)}
         for path, found in opened.items():
             if found is None or (path == self._path and self._first not in (None, found)):
-                raise replaced(self._where, path, gone=found is None)
+                raise file_is_lost(self._where, path, gone=found is None)
             connection.opened[path] = found
         self._first = opened[self._path]
 

@@ -33,7 +33,7 @@ class WatchedConnection(sqlite3.Connection):
         for path, identity in self.opened.items():
             seen = identity_of(path)
             if seen != identity:
-                raise replaced(where, path, gone=seen is None)
+                raise file_is_lost(where, path, gone=seen is None)
 
 
 def identity_of(path: Path) -> _Identity | None:
@@ -52,7 +52,7 @@ def companions(path: Path) -> Iterator[Path]:
         yield real.with_name(real.name + suffix)
 
 
-def replaced(where: str, path: Path, *, gone: bool) -> StoreUnavailableError:
+def file_is_lost(where: str, path: Path, *, gone: bool) -> StoreUnavailableError:
     """The refusal to go on without the files that were opened."""
     what = "was deleted or moved away" if gone else "was replaced by another file"
     return StoreUnavailableError(

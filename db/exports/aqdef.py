@@ -36,7 +36,7 @@ from db.records import AngleVerdict, EventRecord, Severity
 ENCODINGS: Mapping[str, str] = {"utf-8": "utf-8-sig", "utf-16": "utf-16", "windows-1252": "cp1252"}
 """By the name a user gives; the Unicode ones begin with a byte order mark, by which Q-DAS knows them."""
 CALIBRATION_CHANGED, STATION_EVENT, MEASURED_BEFORE = 1, 2, 3
-INVALID = 129
+_INVALID = 129
 
 _QUANTITIES = {
     "camber": "Camber",
@@ -222,7 +222,7 @@ class _Collected:
         time = row.received_utc.astimezone(self._timezone or UTC)
         self._write(part, number, "K0001", _number(row.value_deg))
         if not row.judged_cycle or row.verdict == AngleVerdict.NOT_JUDGED:
-            self._write(part, number, "K0002", str(INVALID))
+            self._write(part, number, "K0002", str(_INVALID))
         self._write(part, number, "K0004", time.strftime("%d.%m.%Y/%H:%M:%S"))
         if codes:
             self._write(part, number, "K0005", ",".join(map(str, codes)))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from db.records import AngleVerdict, CycleRecord, Side, StoredCycle, WheelOutcome, judge_angle
+from alignment.units import in_degrees
+from db.records import AngleVerdict, CycleRecord, LimitSide, StoredCycle, WheelOutcome, judge_angle
 
 VEHICLE = "vehicle"
 USUAL_K = 2.0
@@ -166,10 +166,10 @@ def _angle(cycle: CycleRecord, part: Any, quantity: str) -> dict[str, Any]:
     )
     found = {
         "quantity": quantity,
-        "value_deg": _degrees(value),
-        "u_deg": _degrees(u),
-        "low_deg": _degrees(low),
-        "high_deg": _degrees(high),
+        "value_deg": in_degrees(value),
+        "u_deg": in_degrees(u),
+        "low_deg": in_degrees(low),
+        "high_deg": in_degrees(high),
         "guard_band": part.guard_band,
         "coverage_factor": part.coverage_factor,
         "verdict": str(verdict),
@@ -184,12 +184,14 @@ def _angle(cycle: CycleRecord, part: Any, quantity: str) -> dict[str, Any]:
     return found | {"reason_code": code, "reason_text": text}
 
 
-def _why_missed(angle: Mapping[str, Any], missed: Side) -> str:
+def _why_missed(angle: Mapping[str, Any], missed: LimitSide) -> str:
     """Which limit, by how much, and whether only the guard band stood between."""
     value, limit = angle["value_deg"], angle[f"{missed}_deg"]
-    beyond = limit - value if missed is Side.LOW else value - limit
+    beyond = limit - value if missed is LimitSide.LOW else value - limit
     if beyond > 0.0:
-        return f"{'below' if missed is Side.LOW else 'above'} the limit {limit:.4f}° by {_shown(beyond)}°"
+        return (
+            f"{'below' if missed is LimitSide.LOW else 'above'} the limit {limit:.4f}° by {_shown(beyond)}°"
+        )
     expanded = angle["coverage_factor"] * angle["u_deg"]
     return (
         f"only {_shown(-beyond)}° inside the limit {limit:.4f}°, less than the expanded uncertainty "
@@ -200,7 +202,3 @@ def _why_missed(angle: Mapping[str, Any], missed: Side) -> str:
 def _shown(degrees: float) -> str:
     """Four decimals, or two digits of what is smaller."""
     return f"{degrees:.4f}" if degrees >= 1e-4 or degrees == 0.0 else f"{degrees:.1e}"
-
-
-def _degrees(angle: float | None) -> float | None:
-    return None if angle is None else math.degrees(angle)

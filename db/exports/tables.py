@@ -15,7 +15,7 @@ from db.exports.rows import AngleRow
 
 # A cell that begins with one of these, wide forms included, is run as a formula by spreadsheets (OWASP).
 _RUN = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
-COLUMNS = tuple(item.name for item in fields(AngleRow))
+TABLE_COLUMNS = tuple(item.name for item in fields(AngleRow))
 _ROW_GROUP = 50_000
 
 
@@ -30,7 +30,7 @@ def write_csv(path: Path, rows: Iterable[AngleRow]) -> int:
     count = 0
     with replaced(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(COLUMNS)
+        writer.writerow(TABLE_COLUMNS)
         for row in rows:
             writer.writerow([csv_cell(value) for value in astuple(row)])
             count += 1
@@ -45,7 +45,7 @@ def write_parquet(path: Path, rows: Iterable[AngleRow]) -> int:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = pa.schema([(name, _parquet_type(pa, name)) for name in COLUMNS])
+    schema = pa.schema([(name, _parquet_type(pa, name)) for name in TABLE_COLUMNS])
     count = 0
     with replaced(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
         for group in _groups(rows):

@@ -6,12 +6,12 @@ from db.queries.series import ValueSeries, cycle_records, value_series
 from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
 from db.queries.studies import gauge_studies, gauge_study, gauge_value_counts
 from db.queries.summed import (
+    CharacteristicMoments,
     GroupBy,
-    Moments,
     ReasonCount,
     WheelCounts,
     YieldCounts,
-    moments,
+    characteristic_moments,
     reasons,
     wheel_counts,
     yield_counts,
@@ -28,10 +28,10 @@ from db.queries.traces import (
 __all__ = [
     "EVERYTHING",
     "Characteristic",
+    "CharacteristicMoments",
     "CheckOfStation",
     "Filter",
     "GroupBy",
-    "Moments",
     "Quantity",
     "ReasonCount",
     "ResultReader",
@@ -43,6 +43,7 @@ __all__ = [
     "VinHistory",
     "WheelCounts",
     "YieldCounts",
+    "characteristic_moments",
     "checks",
     "cycle_records",
     "events",

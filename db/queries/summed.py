@@ -48,7 +48,7 @@ from db.sums import (
     epoch_hour,
     hourly,
     hours_of,
-    merged,
+    merged_sums,
     raw_outcomes,
     raw_values,
 )
@@ -128,7 +128,7 @@ class ReasonCount:
 
 
 @dataclass(frozen=True)
-class Moments:
+class CharacteristicMoments:
     """Sums over the values of one characteristic, against one pair of limits.
 
     Attributes
@@ -233,17 +233,17 @@ def reasons(
 
 
 @question
-def moments(
+def characteristic_moments(
     reader: ResultReader,
     where: Filter = EVERYTHING,
     characteristics: Sequence[Characteristic] = (),
     by: Sequence[GroupBy] = (),
-) -> tuple[Moments, ...]:
+) -> tuple[CharacteristicMoments, ...]:
     """Moments of each characteristic, pair of limits and group; of all characteristics when none is named."""
     with reader.transaction() as connection:
         found = _sums(connection, _state(connection), where, characteristics, by)
     return tuple(
-        Moments(characteristic, low, high, _group(by, key), *_merge(rows))
+        CharacteristicMoments(characteristic, low, high, _group(by, key), *_merge(rows))
         for (characteristic, low, high, key), rows in sorted(found.items(), key=lambda item: str(item[0]))
     )
 
@@ -389,7 +389,7 @@ def _sums(
 
     def collect(sums: Any) -> None:
         labelled = _labelled(sums, by, (*keys, *SUMS))
-        rows.extend(connection.execute(merged(labelled, (*_labels(by), *keys))))
+        rows.extend(connection.execute(merged_sums(labelled, (*_labels(by), *keys))))
 
     if plan.spans is not None:
         conditions = [summed_characteristics.c.quantity.in_(quantities)]

@@ -1,6 +1,6 @@
 """The values that go into a database and come out."""
 
-from db.records.angle_verdicts import AngleVerdict, Side, judge_angle, missed_limit
+from db.records.angle_verdicts import AngleVerdict, LimitSide, judge_angle, missed_limit
 from db.records.plain import check_text
 from db.records.quality import (
     ArchivedShotRecord,
@@ -52,9 +52,9 @@ __all__ = [
     "GaugeStudyRecord",
     "GaugeValueRecord",
     "InstallationRecord",
+    "LimitSide",
     "RetentionClass",
     "Severity",
-    "Side",
     "StationRecord",
     "StoredCycle",
     "StoredGaugeStudy",

@@ -27,14 +27,14 @@ class AngleVerdict(enum.StrEnum):
     NOT_JUDGED = "not judged"
 
 
-class Side(enum.StrEnum):
+class LimitSide(enum.StrEnum):
     """Which limit was missed."""
 
     LOW = "low"
     HIGH = "high"
 
 
-def missed_limit(value: float, low: float | None, high: float | None, margin: float) -> Side | None:
+def missed_limit(value: float, low: float | None, high: float | None, margin: float) -> LimitSide | None:
     """The limit that a value misses, None inside; limits themselves are accepted.
 
     Parameters
@@ -45,9 +45,9 @@ def missed_limit(value: float, low: float | None, high: float | None, margin: fl
         By which the limits are narrowed: the expanded uncertainty with a guard band (ISO 14253-1), else 0.
     """
     if low is not None and not value >= low + margin:
-        return Side.LOW
+        return LimitSide.LOW
     if high is not None and not value <= high - margin:
-        return Side.HIGH
+        return LimitSide.HIGH
     return None
 
 
@@ -60,7 +60,7 @@ def judge_angle(
     guard_band: bool | None,
     coverage_factor: float | None,
     part: Verdict,
-) -> tuple[AngleVerdict, Side | None]:
+) -> tuple[AngleVerdict, LimitSide | None]:
     """Verdict of an angle as it is stored, and the limit that it missed.
 
     Parameters

@@ -18,8 +18,8 @@ from db.rows.plant import changed
 from db.rows.reading import (
     CYCLES,
     KIND_OF,
-    KINDS,
     PORTION,
+    RECORD_OF_KIND,
     REMOVALS,
     SHOTS,
     STATIONS,
@@ -41,11 +41,11 @@ from db.rows.writing import insert_rows, write_cycles, write_record
 __all__ = [
     "CYCLES",
     "FILLED",
-    "KINDS",
     "KIND_OF",
     "NOTHING_BEFORE",
     "PARTS",
     "PORTION",
+    "RECORD_OF_KIND",
     "REMOVALS",
     "SHOTS",
     "START",

@@ -203,7 +203,7 @@ def _results(
 
 
 # What is shipped, by the name it has in the outbox.
-KINDS: dict[str, type] = {
+RECORD_OF_KIND: dict[str, type] = {
     "station": StationRecord,
     "limits": VehicleTypeRecord,
     "calibration": CalibrationRecord,
@@ -218,7 +218,7 @@ KINDS: dict[str, type] = {
     "shot": ArchivedShotRecord,
     "removal": ArchiveRemoval,
 }
-KIND_OF = {record: name for name, record in KINDS.items()}
+KIND_OF = {record: name for name, record in RECORD_OF_KIND.items()}
 _KEYS = {"calibration": "id", "zero": "id", "revocation": "zero_id", "removal": "shot"}
 _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "cycle": (CYCLES, cycles.c.uuid),
@@ -264,5 +264,5 @@ def load_records(connection: Connection, kind: str, keys: Sequence[str]) -> dict
             query, column, by_uuid = query_of(kind)
             wanted: Iterable[Any] = map(UUID, portion) if by_uuid else portion
             rows = connection.execute(query.where(column.in_(wanted))).mappings()
-            found += [record_of(KINDS[kind], row) for row in rows]
+            found += [record_of(RECORD_OF_KIND[kind], row) for row in rows]
     return {key_of(record): record for record in found}

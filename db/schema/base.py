@@ -84,7 +84,7 @@ def ordered(*names: str) -> list[str]:
     return [f"{name}_low <= {name}_high" for name in names]
 
 
-def within(*names: str) -> str:
+def within_limits(*names: str) -> str:
     """Condition: OK only inside the limits."""
     bounds = " AND ".join(
         f"({name}_low IS NULL OR {name} >= {name}_low) AND ({name}_high IS NULL OR {name} <= {name}_high)"
@@ -102,6 +102,6 @@ def explained(*names: str) -> str:
 # Kept to the letter: JSONB would rewrite large numbers.
 EVIDENCE = JSON(none_as_null=True)
 # What is searched for by its content.
-DOCUMENT = JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql")
+JSON_DOCUMENT = JSON(none_as_null=True).with_variant(JSONB(none_as_null=True), "postgresql")
 
 metadata = MetaData(naming_convention=NAMING_CONVENTION)

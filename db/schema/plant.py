@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import Boolean, Column, ForeignKey, Index, Table, Text, UniqueConstraint, Uuid
 
-from db.schema.base import DOCUMENT, UtcDateTime, check, id_column, metadata
+from db.schema.base import JSON_DOCUMENT, UtcDateTime, check, id_column, metadata
 from db.schema.results import calibrations
 
 plants = Table(
@@ -40,7 +40,7 @@ station_versions = Table(
     Column("software_version", Text, nullable=False),
     Column("config_hash", Text, nullable=False),
     # The whole configuration, which the hash in every cycle stands for.
-    Column("configuration", DOCUMENT, nullable=False),
+    Column("configuration", JSON_DOCUMENT, nullable=False),
     Column("stored_utc", UtcDateTime, nullable=False),
     UniqueConstraint("uuid"),
     check("config_hash_not_empty", "config_hash <> ''"),
@@ -93,7 +93,7 @@ vehicle_type_limits = Table(
     Column("valid_from_utc", UtcDateTime, nullable=False),
     Column("guard_band", Boolean, nullable=False),
     # Angle by angle: {"front": {"toe": [low, high], ...}, "vehicle": {"thrust_angle": [low, high]}}.
-    Column("limits", DOCUMENT, nullable=False),
+    Column("limits", JSON_DOCUMENT, nullable=False),
     Column("stored_utc", UtcDateTime, nullable=False),
     UniqueConstraint("uuid"),
     check("vehicle_type_not_empty", "vehicle_type <> ''"),

@@ -16,7 +16,7 @@ from sqlalchemy import (
 )
 
 from db.records import RetentionClass, StudyKind
-from db.schema.base import DOCUMENT, UtcDateTime, check, choice, id_column, metadata
+from db.schema.base import JSON_DOCUMENT, UtcDateTime, check, choice, id_column, metadata
 from db.schema.results import cycles
 
 gauge_studies = Table(
@@ -30,7 +30,7 @@ gauge_studies = Table(
     Column("station", Text),
     Column("characteristic", Text, nullable=False),
     # Parts, appraisers, trials, reference values, tolerance: what the method needs.
-    Column("plan", DOCUMENT, nullable=False),
+    Column("plan", JSON_DOCUMENT, nullable=False),
     Column("comment", Text, nullable=False),
     Column("software_version", Text, nullable=False),
     Column("stored_utc", UtcDateTime, nullable=False),

@@ -28,7 +28,7 @@ from db.schema.base import (
     metadata,
     ordered,
     uncertainty,
-    within,
+    within_limits,
 )
 
 vehicles = Table(
@@ -222,7 +222,7 @@ wheel_results = Table(
     check("reason_in_words", "(reason_code IS NULL) = (reason_text IS NULL)"),
     check("ok_has_no_reason", "verdict <> 'ok' OR reason_code IS NULL"),
     check("verdict_is_explained", explained("camber", "toe")),
-    check("ok_is_within_limits", within("camber", "toe")),
+    check("ok_is_within_limits", within_limits("camber", "toe")),
     check("limits_in_order", *ordered("camber", "toe")),
     check(
         "possible_angles",
@@ -256,7 +256,7 @@ axle_results = Table(
     Column("coverage_factor", Double),
     check("axle_not_empty", "axle <> ''"),
     check("verdict_is_explained", explained("total_toe", "camber_difference")),
-    check("ok_is_within_limits", within("total_toe", "camber_difference")),
+    check("ok_is_within_limits", within_limits("total_toe", "camber_difference")),
     check("limits_in_order", *ordered("total_toe", "camber_difference")),
     check("possible_angles", angle("total_toe"), angle("camber_difference")),
     check("possible_uncertainties", uncertainty("total_toe_u"), uncertainty("camber_difference_u")),
@@ -279,7 +279,7 @@ vehicle_results = Table(
     Column("coverage_factor", Double),
     check("thrust_sign", "thrust_sign IN ('left_positive', 'right_positive')"),
     check("verdict_is_explained", explained("thrust_angle")),
-    check("ok_is_within_limits", within("thrust_angle")),
+    check("ok_is_within_limits", within_limits("thrust_angle")),
     check("limits_in_order", *ordered("thrust_angle")),
     check(
         "possible_angles",

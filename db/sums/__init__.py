@@ -11,7 +11,7 @@ from db.sums.partial import (
     epoch_hour,
     hourly,
     hours_of,
-    merged,
+    merged_sums,
     raw_outcomes,
     raw_values,
 )
@@ -31,7 +31,7 @@ __all__ = [
     "forget_sums",
     "hourly",
     "hours_of",
-    "merged",
+    "merged_sums",
     "raw_outcomes",
     "raw_values",
     "update_sums",

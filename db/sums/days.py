@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import Connection, select
 
 from db.schema import result_counts, sums_state, value_sums
-from db.sums.partial import SUMS, counted, merged
+from db.sums.partial import SUMS, counted, merged_sums
 
 DAY = 24
 
@@ -34,7 +34,7 @@ def day_differences(connection: Connection, from_hour: int | None) -> Iterator[s
             .where(table.c.hours == 1, table.c.start >= first, table.c.start < until)
             .subquery("of_hours")
         )
-        summed = merged(of_hours, keys) if table is value_sums else counted(of_hours, keys)
+        summed = merged_sums(of_hours, keys) if table is value_sums else counted(of_hours, keys)
         true = {tuple(row[:3]): tuple(row[3:]) for row in connection.execute(summed)}
         kept_rows = select(
             table.c[key], table.c.station_id, table.c.start, *(table.c[name] for name in columns)

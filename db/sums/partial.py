@@ -206,7 +206,7 @@ def raw_outcomes(
     return union_all(*selects)
 
 
-def merged(rows: Any, keys: Sequence[str]) -> Select[Any]:
+def merged_sums(rows: Any, keys: Sequence[str]) -> Select[Any]:
     """Sums over all rows of the same keys.
 
     Parameters
@@ -278,7 +278,9 @@ def hourly(values: Sequence[Select[Any]]) -> Select[Any]:
 
 def hours_of(rows: Sequence[Select[Any]]) -> Select[Any]:
     """As `hourly`, of single values and of sums of parts of hours together."""
-    sums = merged(union_all(*rows).subquery("raw"), (*CHARACTERISTIC, "station", "start")).subquery("hours")
+    sums = merged_sums(union_all(*rows).subquery("raw"), (*CHARACTERISTIC, "station", "start")).subquery(
+        "hours"
+    )
     columns = {name: sums.c[name] for name in (*CHARACTERISTIC, "station", "start", *SUMS)}
     columns["m2_within"] = sums.c.m2.label("m2_within")
     columns["dof_within"] = (sums.c.n - 1).label("dof_within")

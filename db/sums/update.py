@@ -32,7 +32,7 @@ from db.sums.partial import (
     counted,
     epoch_hour,
     hourly,
-    merged,
+    merged_sums,
     raw_outcomes,
     raw_values,
     same,
@@ -313,7 +313,7 @@ def _sum_day(connection: Connection, day: int) -> None:
             .subquery("hours_of_day")
         )
         keys = (names[0], "station_id")
-        sums = (merged(rows, keys) if table is value_sums else counted(rows, keys)).subquery("day")
+        sums = (merged_sums(rows, keys) if table is value_sums else counted(rows, keys)).subquery("day")
         connection.execute(
             table.insert().from_select(
                 [*names, *columns],

@@ -13,9 +13,9 @@ from sqlalchemy import Connection, Row, String, Table, cast, func, select
 
 from db.rows import (
     FILLED,
-    KINDS,
     NOTHING_BEFORE,
     PARTS,
+    RECORD_OF_KIND,
     START,
     Head,
     as_before,
@@ -159,7 +159,7 @@ def _contents(
     by_kind = sorted(of_records, key=lambda link: str(link.kind))
     for kind, group in groupby(by_kind, key=lambda link: link.kind):
         links = list(group)
-        if kind not in KINDS:
+        if kind not in RECORD_OF_KIND:
             for link in links:
                 name = f"chain_links, link {link.number} of {_whose(link.chain)}"
                 yield _Finding("chain_links", f"{name}: no record is a '{kind}'")
@@ -239,7 +239,7 @@ def _digests(
     query, column, by_uuid = query_of(kind)
     wanted = [UUID(key) for key in keys] if by_uuid else list(keys)
     rows = connection.execute(query.where(column.in_(wanted))).mappings().all()
-    names = content_names(KINDS[kind])
+    names = content_names(RECORD_OF_KIND[kind])
     found: dict[str, Any] = {}
     by_id: dict[Any, tuple[bool, dict[str, str]]] = {}
     for row in rows:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
-from sensors.drivers.queued import Exposure, QueuedCamera
+from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.validation import StrictModel
 
 __all__ = [
     "CameraDriver",
     "CameraPlace",
-    "Exposure",
     "KnownCalibration",
     "QueuedCamera",
+    "QueuedExposure",
     "RigDriver",
     "RigPlace",
     "StrictModel",

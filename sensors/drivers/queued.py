@@ -13,7 +13,7 @@ from sensors.camera import CameraSettings, Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
+class QueuedExposure:
     """An image on its way from the sensor to the computer.
 
     Attributes
@@ -62,14 +62,14 @@ class QueuedCamera(ABC):
         self._connected = False
         self._settings: CameraSettings | None = None
         self._counter = 0
-        self._waiting: list[Exposure] = []
+        self._waiting: list[QueuedExposure] = []
 
     @abstractmethod
     def _open(self) -> None:
         """Make ready, or raise what `Camera.connect` may."""
 
     @abstractmethod
-    def _expose(self, counter: int, settings: CameraSettings) -> Exposure | None:
+    def _expose(self, counter: int, settings: CameraSettings) -> QueuedExposure | None:
         """Take the image of this trigger; None when it is lost."""
 
     def connect(self) -> None:

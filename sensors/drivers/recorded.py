@@ -15,7 +15,7 @@ from alignment.errors import CameraError, ConfigurationError, FormatError
 from alignment.values import Side
 from sensors.camera import CameraSettings
 from sensors.drivers.driver import RigDriver, RigPlace
-from sensors.drivers.queued import Exposure, QueuedCamera
+from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE, FrameEntry, read_frame, read_shot_file
 from sensors.formats.validation import FilePath, StrictModel
@@ -113,7 +113,7 @@ class RecordedCamera(QueuedCamera):
             )
         return entry
 
-    def _expose(self, counter: int, settings: CameraSettings) -> Exposure:
+    def _expose(self, counter: int, settings: CameraSettings) -> QueuedExposure:
         index = self._played
         if index >= len(self._entries):
             if self._at_end == "stop":
@@ -125,7 +125,7 @@ class RecordedCamera(QueuedCamera):
             index %= len(self._entries)
         self._played += 1
         frame = read_frame(self._folders[index], self._entries[index])
-        return Exposure(counter, frame.image, frame.device_time_s, frame.exposure_ms, self._clock())
+        return QueuedExposure(counter, frame.image, frame.device_time_s, frame.exposure_ms, self._clock())
 
 
 def recorded_rig(

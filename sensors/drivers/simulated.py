@@ -10,7 +10,7 @@ from typing import Protocol
 from alignment.errors import CameraConnectionError
 from alignment.values import Image
 from sensors.camera import CameraSettings
-from sensors.drivers.queued import Exposure, QueuedCamera
+from sensors.drivers.queued import QueuedCamera, QueuedExposure
 
 
 class ImageSource(Protocol):
@@ -79,7 +79,7 @@ class SimulatedCamera(QueuedCamera):
         self.faults = faults or Faults()
         self._source = source
         self._device_clock = device_clock or clock
-        self._previous: Exposure | None = None
+        self._previous: QueuedExposure | None = None
 
     def _open(self) -> None:
         if self.faults.unreachable:
@@ -93,7 +93,7 @@ class SimulatedCamera(QueuedCamera):
         super().arm(settings)
         self._previous = None
 
-    def _expose(self, counter: int, settings: CameraSettings) -> Exposure | None:
+    def _expose(self, counter: int, settings: CameraSettings) -> QueuedExposure | None:
         if self.faults.lost_at == counter:
             self.close()
             raise CameraConnectionError(
@@ -104,7 +104,7 @@ class SimulatedCamera(QueuedCamera):
         now = self._device_clock()
         image = self._source.image(counter)
         arrives = self._clock() + self.faults.delays_s.get(counter, 0.0)
-        exposure = Exposure(counter, image, now, settings.exposure_ms, arrives)
+        exposure = QueuedExposure(counter, image, now, settings.exposure_ms, arrives)
         previous, self._previous = self._previous, exposure
         if counter in self.faults.dropped:
             return None

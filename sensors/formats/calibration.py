@@ -20,17 +20,17 @@ from alignment.values import HeadCalibration, RigCalibration, Side
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
-Identity = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
+_Identity = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Cosine = Annotated[float, Field(ge=-1.000001, le=1.000001)]
-Row = tuple[Cosine, Cosine, Cosine]
+_Row = tuple[Cosine, Cosine, Cosine]
 _ASYMMETRY, _NEGATIVITY = 1e-6, 1e-6
 
 
 class Pose(StrictModel):
     """A rigid transform: p_target = rotation · p_source + translation."""
 
-    rotation: tuple[Row, Row, Row] = Field(description="3 × 3 orthonormal matrix, by rows, determinant +1")
+    rotation: tuple[_Row, _Row, _Row] = Field(description="3 × 3 orthonormal matrix, by rows, determinant +1")
     translation_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
         description="Origin of the source frame in the target frame, millimetres"
     )
@@ -155,7 +155,7 @@ class CalibrationFile(StrictModel):
     schema_: Literal["truewheel.calibration/1"] = Field(
         alias="schema", description="Kind and version of this file"
     )
-    id: Identity = Field(description="Identity of this calibration; every record carries it")
+    id: _Identity = Field(description="Identity of this calibration; every record carries it")
     rig: Name = Field(description="Name of the rig; shots name the same")
     side: Literal["left", "right"] = Field(description="Side of the vehicle")
     created_utc: AwareDatetime = Field(description="When it was made, ISO 8601 with the zone")
@@ -292,7 +292,7 @@ def describe_calibration(
         "created_utc": created_utc.astimezone(UTC) if created_utc.tzinfo else created_utc,
         "method": method,
         "vehicle_from_rig": {
-            **_pose_fields(calibration.vehicle_from_rig),
+            **pose_fields(calibration.vehicle_from_rig),
             "measured": calibration.vehicle_from_rig_measured,
         },
         "heads": [
@@ -306,7 +306,8 @@ def describe_calibration(
     return validate(CalibrationFile, data, file=path)
 
 
-def _pose_fields(transform: RigidTransform) -> dict[str, object]:
+def pose_fields(transform: RigidTransform) -> dict[str, object]:
+    """Return a pose as the recorded formats write it."""
     return {"rotation": transform.rotation.tolist(), "translation_mm": transform.translation.tolist()}
 
 
@@ -322,5 +323,5 @@ def _camera_fields(camera: PosedCamera) -> dict[str, object]:
         "cy": model.cy,
         "skew": model.skew,
         "coefficients": list(model.coefficients),
-        "rig_from_camera": _pose_fields(camera.rig_from_camera),
+        "rig_from_camera": pose_fields(camera.rig_from_camera),
     }

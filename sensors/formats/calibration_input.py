@@ -11,25 +11,25 @@ from pydantic import Field, model_validator
 
 from alignment.calibration.observations import CalibrationInput, PlateView
 from alignment.imaging.plate import MarkObservations, Plate
+from sensors.formats.calibration import Coordinate
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
-Point = tuple[Coordinate, Coordinate, Coordinate]
+_Point = tuple[Coordinate, Coordinate, Coordinate]
 Pixel = tuple[Coordinate, Coordinate]
 Sigma = Annotated[float, Field(ge=0, le=1e3)]
 Text = Annotated[str, Field(min_length=1, max_length=200)]
 _MOST_MARKS = 160_000
 
 
-Index = Annotated[int, Field(ge=-10_000, le=10_000)]
+MarkIndex = Annotated[int, Field(ge=-10_000, le=10_000)]
 
 
 class PlateMark(StrictModel):
     """One mark of the plate."""
 
-    index: tuple[Index, Index] = Field(description="Column and row")
-    point_mm: Point = Field(description="Stated position, millimetres")
+    index: tuple[MarkIndex, MarkIndex] = Field(description="Column and row")
+    point_mm: _Point = Field(description="Stated position, millimetres")
     sigma_mm: tuple[Sigma, Sigma, Sigma] = Field(description="Its standard uncertainties, millimetres")
     hollow: bool = Field(description="True for a ring mark")
 
@@ -79,7 +79,7 @@ class InputView(StrictModel):
     """One position of the plate."""
 
     name: Text = Field(description="Name of the view")
-    stage_mm: Point | None = Field(description="Stage position, millimetres; null for an unknown pose")
+    stage_mm: _Point | None = Field(description="Stage position, millimetres; null for an unknown pose")
     seen: tuple[Seen, ...] = Field(max_length=64, description="What each camera saw")
 
 

@@ -17,7 +17,7 @@ from alignment.file_limits import (
     ENTRIES,
     SMALLER_CURE,
     WANTED_CURE,
-    in_words,
+    size_in_words,
     unfit_kind,
     unfit_size,
 )
@@ -139,7 +139,7 @@ def _require_fit(path: Path, kind: str, found: os.stat_result, largest: int) -> 
 def _require_size(path: Path, kind: str, size: int, largest: int) -> None:
     seen = unfit_size(size, largest)
     if seen is not None:
-        expected = f"{kind} of at most {in_words(largest)}"
+        expected = f"{kind} of at most {size_in_words(largest)}"
         raise FormatError(file=path, expected=expected, seen=seen, cure=SMALLER_CURE)
 
 

@@ -23,7 +23,7 @@ from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, v
 
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
-Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
+_Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
 
 _CERTIFICATE_COLUMNS = (
     ["i", "j", "x_mm", "y_mm", "sigma_mm"],
@@ -63,10 +63,10 @@ class PlateFile(StrictModel):
     hollow_diameter_mm: float = Field(
         gt=0, le=1000, description="Diameter of the light centre of ring marks, millimetres"
     )
-    mark_tolerance_mm: Tolerance = Field(
+    mark_tolerance_mm: _Tolerance = Field(
         default=0.01, description="Marks lie within ± this of the grid, in x and in y, millimetres"
     )
-    flatness_tolerance_mm: Tolerance = Field(
+    flatness_tolerance_mm: _Tolerance = Field(
         default=0.01, description="Marks lie within ± this of the plane, millimetres"
     )
     hollow_marks: tuple[HollowGroup, ...] = Field(

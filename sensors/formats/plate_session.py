@@ -16,7 +16,7 @@ from pydantic import AwareDatetime, Field, model_validator
 from alignment.arrays import Array
 from alignment.calibration.observations import CameraKey
 from alignment.errors import DegenerateInputError, FormatError
-from alignment.values import Image, Side
+from alignment.values import SIDES, Image, Side
 from sensors.formats.calibration import check_side
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
@@ -26,7 +26,6 @@ from sensors.formats.validation import FilePath, Name, StrictModel, dump_json, l
 
 SESSION_FILE = "session.json"
 CERTIFICATE_FILE = "plate_certificate.csv"
-SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 StageCoordinate = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from alignment.arrays import Array, Index
 from alignment.geometry.transforms import RigidTransform
-from sensors.formats.calibration import Coordinate, Pose
+from sensors.formats.calibration import Coordinate, Pose, pose_fields
 from sensors.formats.files import write_bytes
 from sensors.formats.plate import GridIndex
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
@@ -100,16 +100,11 @@ def write_plate_truth(path: str | PathLike[str], truth: PlateTruth) -> None:
         "schema": "truewheel.plate-truth/1",
         "seed": truth.seed,
         "views": [
-            {"name": name, "rig_from_plate": _pose_fields(pose)}
-            for name, pose in truth.rig_from_plate.items()
+            {"name": name, "rig_from_plate": pose_fields(pose)} for name, pose in truth.rig_from_plate.items()
         ],
         "marks": [
             [*mark, *point] for mark, point in zip(truth.indices.tolist(), truth.points.tolist(), strict=True)
         ],
-        "vehicle_from_rig": None if truth.vehicle_from_rig is None else _pose_fields(truth.vehicle_from_rig),
+        "vehicle_from_rig": None if truth.vehicle_from_rig is None else pose_fields(truth.vehicle_from_rig),
     }
     write_bytes(path, dump_json(validate(PlateTruthFile, data, file=path)))
-
-
-def _pose_fields(pose: RigidTransform) -> dict[str, object]:
-    return {"rotation": pose.rotation.tolist(), "translation_mm": pose.translation.tolist()}

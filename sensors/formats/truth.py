@@ -13,8 +13,8 @@ from alignment.values import Side
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import StrictModel, dump_json, load_json, validate
 
-Degrees = Annotated[float, Field(ge=-45, le=45)]
-Millimetres = Annotated[float, Field(ge=-1000, le=1000)]
+_Degrees = Annotated[float, Field(ge=-45, le=45)]
+_Millimetres = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,10 @@ class TruthFile(StrictModel):
     schema_: Literal["truewheel.truth/1"] = Field(alias="schema", description="Kind and version of this file")
     side: Literal["left", "right"] = Field(description="Side of the vehicle")
     seed: int = Field(ge=0, lt=2**64, description="Seed of the scene and its noise")
-    camber_deg: Degrees = Field(description="Camber of the tyre plane at this exposure, degrees")
-    toe_deg: Degrees = Field(description="Toe of the tyre plane at this exposure, degrees")
-    spin_camber_deg: Degrees = Field(description="Camber of the spin axis, degrees")
-    spin_toe_deg: Degrees = Field(description="Toe of the spin axis, degrees")
+    camber_deg: _Degrees = Field(description="Camber of the tyre plane at this exposure, degrees")
+    toe_deg: _Degrees = Field(description="Toe of the tyre plane at this exposure, degrees")
+    spin_camber_deg: _Degrees = Field(description="Camber of the spin axis, degrees")
+    spin_toe_deg: _Degrees = Field(description="Toe of the spin axis, degrees")
     spin_angle_deg: float = Field(
         ge=-3600, le=3600, description="Turn of the wheel about its spin axis, degrees"
     )
@@ -70,7 +70,7 @@ class TruthFile(StrictModel):
     runout_radius_mm: float = Field(
         gt=0, le=1000, description="Radius at which the run-out is stated, millimetres"
     )
-    centre_mm: tuple[Millimetres, Millimetres, Millimetres] = Field(
+    centre_mm: tuple[_Millimetres, _Millimetres, _Millimetres] = Field(
         description="Centre of the wheel in the rig frame, millimetres"
     )
 

@@ -22,7 +22,7 @@ from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
 
-M = TypeVar("M", bound=BaseModel)
+_M = TypeVar("_M", bound=BaseModel)
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Name of a rig or head: also a part of a file name, on every system."""
@@ -116,13 +116,13 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
 
 
 def validate(
-    model: type[M],
+    model: type[_M],
     data: object,
     *,
     file: str | PathLike[str] | None,
     error: type[InputError] = FormatError,
     cure: str | None = None,
-) -> M:
+) -> _M:
     """Check plain values, as JSON or TOML yield them, against a model.
 
     Parameters

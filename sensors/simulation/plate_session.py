@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from sensors.formats.plate_session import CERTIFICATE_FILE, PlateSession, Sessio
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate import PlateLight, PlateLook, plate_image
+from sensors.simulation.render import SIMULATED_TIME
 
-SIMULATED_TIME = datetime(2026, 1, 1, tzinfo=UTC)
 TILT = math.radians(10.0)
 
 

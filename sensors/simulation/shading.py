@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from alignment.arrays import Array, Index, Mask, Singles
 from alignment.geometry.distortion import unproject_pixel
 from sensors.simulation.projector import irradiance, may_light
-from sensors.simulation.surface import Surface, height, kernel, meet, part, relief_near
+from sensors.simulation.surface import Surface, height, kernel, meet_surface, part, relief_near
 
 CELL = 4
 NOTHING, SMOOTH, MIXED = 0, 1, 2
@@ -239,7 +239,7 @@ def shade_cells(
                                 r00 * x + r01 * y + r02, r10 * x + r11 * y + r12, r20 * x + r21 * y + r22,
                             )  # fmt: skip
                             guess = t00 + g * tu + f * (tv + g * tuv)
-                            t, zx, zy, bump, ok = meet(
+                            t, zx, zy, bump, ok = meet_surface(
                                 ox, oy, oz, dx, dy, dz, guess + lift, scales, profile, relief, bumpy
                             )
                             lift = t - guess if ok else 0.0
@@ -256,7 +256,7 @@ def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Ar
     out, gradient = np.empty_like(t), np.empty_like(rays)
     good = np.empty(t.shape[0], dtype=np.bool_)
     for i in range(t.shape[0]):
-        out[i], gradient[i, 0], gradient[i, 1], gradient[i, 2], good[i] = meet(
+        out[i], gradient[i, 0], gradient[i, 1], gradient[i, 2], good[i] = meet_surface(
             o[0], o[1], o[2], rays[i, 0], rays[i, 1], rays[i, 2], t[i], scales, profile, relief, True
         )
     return out, gradient, good

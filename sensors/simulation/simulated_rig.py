@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from alignment.calibration.identity import content_digest
 from alignment.values import Image, RigCalibration, Side
 from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera
@@ -31,12 +31,7 @@ TRUE_CALIBRATION_METHOD = "simulated: the true cameras"
 def true_calibration(rig: str, side: Side, preset: str, seed: int) -> RigCalibration:
     """Build the cameras of a simulated rig; its identity follows from its content, so it never lies."""
     built = build_rig(RIG_SPECS[preset], rig, side, np.random.default_rng([seed, 0]))
-    content = hashlib.sha256()
-    for camera in (camera for head in built.heads for camera in head.cameras):
-        pose = camera.rig_from_camera
-        for array in (camera.model.parameters, pose.rotation, pose.translation):
-            content.update(array.tobytes())
-    return replace(built, id=f"simulated-{rig}-{content.hexdigest()[:12]}")
+    return replace(built, id=f"simulated-{rig}-{content_digest(built)[:12]}")
 
 
 class SimulatedRig(Rig):

@@ -157,7 +157,7 @@ def height(
 
 
 @part
-def meet(
+def meet_surface(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float,
     scales: Array, profile: Array, relief: Singles, with_relief: bool,
 ) -> tuple[float, float, float, float, bool]:  # fmt: skip

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 
-import numpy as np
-
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust, as_rig_calibration
 from alignment.calibration.gate import (
     CalibrationProblem,
+    GateJudgement,
     GateLimits,
-    Judgement,
-    judge,
+    judge_calibration,
     judge_failure,
     judge_input,
 )
 from alignment.calibration.heads_then_poses import heads_then_poses
+from alignment.calibration.identity import content_digest
 from alignment.calibration.model_choice import ModelChoice, choose_model
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.start import Start, start_values
@@ -30,8 +27,8 @@ from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import PlateRefusal, observe_plate
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.formats import PlateSession
+from station.figures import Progress
 
-Progress = Callable[[float, str], None]
 """Told the fraction that is done, 0 … 1, and what goes on."""
 
 CANDIDATES = ("division", "brown5", "brown8", "thin_prism", "tilted")
@@ -90,7 +87,7 @@ class Calibrated:
         Images in which the plate was not recognised, by view, head and side.
     """
 
-    judgement: Judgement
+    judgement: GateJudgement
     calibration: RigCalibration | None = None
     data: CalibrationInput | None = None
     adjustment: Adjustment | None = None
@@ -147,7 +144,7 @@ def _calibrated(
 ) -> Calibrated:
     vehicle_from_rig = nominal_vehicle_from_rig(session.side)
     joint = adjustment.rig_calibration("joint", session.rig, session.side, vehicle_from_rig)
-    judgement = judge(adjustment, joint, settings.limits)
+    judgement = judge_calibration(adjustment, joint, settings.limits)
     calibration, rms = joint, adjustment.rms_px
     if settings.method is Method.HEADS_THEN_POSES:
         apart = heads_then_poses(adjustment.data, replace(settings.adjustment, model=adjustment.model))
@@ -163,18 +160,8 @@ def _calibrated(
 
 def calibration_id(calibration: RigCalibration, now_utc: datetime) -> str:
     """Identity of a calibration: its rig, its time, and a digest of what it says of cameras and rig."""
-    digest = hashlib.sha256()
-    for array in (calibration.vehicle_from_rig.rotation, calibration.vehicle_from_rig.translation):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    for head in calibration.heads:
-        for camera in head.cameras:
-            for part in (
-                camera.model.parameters,
-                camera.rig_from_camera.rotation,
-                camera.rig_from_camera.translation,
-            ):
-                digest.update(np.ascontiguousarray(part).tobytes())
-    return f"{calibration.rig}-{now_utc:%Y%m%dT%H%M%S}-{digest.hexdigest()[:8]}"
+    digest = content_digest(calibration, in_vehicle=True)
+    return f"{calibration.rig}-{now_utc:%Y%m%dT%H%M%S}-{digest[:8]}"
 
 
 def observe_session(
@@ -206,12 +193,12 @@ def observe_session(
     return views, refusals
 
 
-def _not_recognised(refusals: list[tuple[str, CameraKey, PlateRefusal]]) -> Judgement:
+def _not_recognised(refusals: list[tuple[str, CameraKey, PlateRefusal]]) -> GateJudgement:
     sentences = [f"view {view}, {' '.join(key)}: {refusal.reason}" for view, key, refusal in refusals]
     shown = sentences[:3]
     if len(sentences) > len(shown):
         shown.append(f"and {len(sentences) - len(shown)} more images")
-    return Judgement(CalibrationProblem.PLATE_NOT_RECOGNISED, "; ".join(shown))
+    return GateJudgement(CalibrationProblem.PLATE_NOT_RECOGNISED, "; ".join(shown))
 
 
 def _choose(

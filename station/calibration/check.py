@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,10 +10,10 @@ from typing import Any
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration.check import PlateCheck, check_with_plate
-from alignment.calibration.gate import ARCMIN
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, WheelMeasurement
 from db.records import CalibrationCheckRecord, CalibrationRecord, CheckKind, CheckOutcome
 from db.store import ResultStore
@@ -23,8 +22,8 @@ from sensors.formats.plate_session import SESSION_FILE
 from sensors.formats.validation import validate
 from sensors.shot import WheelShot
 from station.calibration.calibrate import observe_session
-
-Progress = Callable[[float, str], None]
+from station.calibration.master import MasterWheel
+from station.figures import Progress
 
 
 @dataclass(frozen=True)
@@ -43,14 +42,6 @@ class CheckLimits:
 
     angle: float = 0.2 * ARCMIN
     rms_px: float = 0.2
-
-
-@dataclass(frozen=True)
-class MasterWheel:
-    """Certified angles of a master wheel as it stands at the rig, radians."""
-
-    camber: float
-    toe: float
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from alignment.calibration.gate import ARCMIN
 from alignment.calibration.gauge import (
     CertifiedPlate,
     PlacedRig,
@@ -23,6 +22,7 @@ from alignment.calibration.gauge import (
 )
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import ConfigurationError, Deed, FormatError, Remedy
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration
 from db.records import CalibrationRecord
 from db.store import ResultStore
@@ -39,8 +39,7 @@ from sensors.formats.files import entries, write_folder
 from sensors.formats.plate_session import SESSION_FILE
 from sensors.formats.validation import dump_json
 from station.calibration.calibrate import calibration_id, observe_session
-
-Progress = Callable[[float, str], None]
+from station.figures import Progress
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from alignment.calibration.gate import ARCMIN
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.calibration.refresh import Moved, Movement, Refreshed, refresh
 from alignment.errors import ConfigurationError
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration
 from sensors.formats import read_calibration_file, read_shot, write_calibration
 from station.calibration.calibrate import calibration_id

@@ -14,8 +14,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.calibration.adjustment import Adjustment
-from alignment.calibration.gate import ARCMIN, Judgement
+from alignment.calibration.gate import GateJudgement
 from alignment.calibration.prediction import NominalWheel
+from alignment.units import ARCMIN
 from alignment.values import Side, nominal_vehicle_from_rig
 from sensors.formats.files import write_bytes
 from station.calibration.pictures import (
@@ -38,10 +39,10 @@ class Table:
     rows: Sequence[Sequence[str]]
 
 
-def write_report(
+def write_calibration_report(
     folder: Path,
     adjustment: Adjustment,
-    judgement: Judgement,
+    judgement: GateJudgement,
     *,
     identity: str,
     rig: str,
@@ -122,7 +123,7 @@ def write_report(
     return path
 
 
-def _figures(judgement: Judgement, adjustment: Adjustment) -> str:
+def _figures(judgement: GateJudgement, adjustment: Adjustment) -> str:
     views, marks = len(adjustment.data.views), len(np.unique(adjustment.mark))
     return (
         f"{views} views, {marks} marks, {len(adjustment.camera)} observations, residual "
@@ -131,14 +132,14 @@ def _figures(judgement: Judgement, adjustment: Adjustment) -> str:
     )
 
 
-def _angles(judgement: Judgement) -> str:
+def _angles(judgement: GateJudgement) -> str:
     if judgement.camber_u95 is None or judgement.toe_u95 is None:
         return ""
     camber, toe = judgement.camber_u95 / ARCMIN, judgement.toe_u95 / ARCMIN
     return f"; predicted U95 of camber {camber:.3f}′, of toe {toe:.3f}′"
 
 
-def _camera_table(adjustment: Adjustment, judgement: Judgement) -> Table:
+def _camera_table(adjustment: Adjustment, judgement: GateJudgement) -> Table:
     rows = [
         (
             figures.name,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from uuid import uuid4
@@ -16,25 +15,14 @@ from alignment.calibration.prediction import angle_covariance
 from alignment.errors import ConfigurationError, Deed, DegenerateInputError, Remedy
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
+from alignment.units import in_arcminutes
 from alignment.values import MeasureSettings, Refusal, RigCalibration
 from db.records import ZeroRecord
 from sensors.formats import read_shot
+from station.calibration.master import MasterWheel
 
 LARGEST_ZERO = LARGEST_SHIFT
 """Largest zero value that is believed unless the station says otherwise, radians."""
-
-
-@dataclass(frozen=True)
-class MasterWheel:
-    """A wheel whose angles are certified, in the vehicle frame as it stands at the rig, radians.
-
-    `u` is the standard uncertainty of both angles.
-    """
-
-    name: str
-    camber: float
-    toe: float
-    u: float = 0.0
 
 
 def measure_zero(
@@ -75,8 +63,9 @@ def measure_zero(
     if 2.0 * master.u > largest and forced_reason is None:
         raise ConfigurationError(
             choice="certified u95",
-            expected=f"an expanded uncertainty below the largest believable zero value, {_arcmin(largest)}",
-            seen=_arcmin(2.0 * master.u),
+            expected="an expanded uncertainty below the largest believable zero value, "
+            f"{in_arcminutes(largest)}",
+            seen=in_arcminutes(2.0 * master.u),
             cure="Check the unit in the certificate: degrees are asked for",
         )
     recorded = [read_shot(shot, calibration) for shot in shots]
@@ -132,20 +121,16 @@ def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: f
         else f"It would fit with {slip}: check the certificate"
     )
     seen = [
-        f"{name} {math.degrees(certified):.3f}°, {_arcmin(found - certified, '+')} off"
+        f"{name} {math.degrees(certified):.3f}°, {in_arcminutes(found - certified, '+')} off"
         for name, found, certified in zip(
             ("camber", "toe"), measured, (master.camber, master.toe), strict=True
         )
     ]
     return ConfigurationError(
         choice="camber, toe",
-        expected=f"certified angles within {_arcmin(largest)} of the measured camber "
+        expected=f"certified angles within {in_arcminutes(largest)} of the measured camber "
         f"{math.degrees(measured[0]):.3f}° and toe {math.degrees(measured[1]):.3f}°",
         seen=", ".join(seen),
         cure=cure,
         remedy=Remedy(Deed.FORCE),
     )
-
-
-def _arcmin(angle: float, sign: str = "") -> str:
-    return f"{60.0 * math.degrees(angle):{sign}.4g}′"

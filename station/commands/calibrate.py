@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from alignment.units import in_degrees
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for
 
@@ -122,11 +122,11 @@ def calibrate(
 
 def _write_report(folder: Path, found: Calibrated, images: PlateSession, now: datetime) -> Path | None:
     """None when there was nothing to adjust, so nothing to draw."""
-    from station.calibration.report import write_report
+    from station.calibration.report import write_calibration_report
 
     if found.adjustment is None:
         return None
-    return write_report(
+    return write_calibration_report(
         folder,
         found.adjustment,
         found.judgement,
@@ -148,8 +148,8 @@ def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: f
         "reason_code": None if judgement.problem is None else judgement.problem.value,
         "reprojection_rms_px": found.rms_px,
         "calibration_id": None if found.calibration is None else found.calibration.id,
-        "predicted_camber_u95_deg": _degrees(judgement.camber_u95),
-        "predicted_toe_u95_deg": _degrees(judgement.toe_u95),
+        "predicted_camber_u95_deg": in_degrees(judgement.camber_u95),
+        "predicted_toe_u95_deg": in_degrees(judgement.toe_u95),
         "model": None if adjustment is None else adjustment.model,
         "model_chosen_by": None if choice is None else f"left-out {choice.left_out}",
         "views": None if found.data is None else len(found.data.views),
@@ -170,7 +170,3 @@ def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: f
         ],
         "duration_s": duration_s,
     }
-
-
-def _degrees(angle: float | None) -> float | None:
-    return None if angle is None else math.degrees(angle)

@@ -99,10 +99,10 @@ def import_command(
     The frame in which they state the poses becomes the frame of the rig: origin at the wheel's centre, z
     outboard, y up. The rig's pose in the vehicle is taken to be nominal.
     """
-    import hashlib
     from dataclasses import replace
     from datetime import UTC, datetime
 
+    from alignment.calibration.identity import content_digest
     from sensors.formats import write_calibration
     from sensors.formats.exchange import import_calibration
 
@@ -118,12 +118,7 @@ def import_command(
         size=size,
     )
     if identity is None:
-        content = hashlib.sha256()
-        for camera in (camera for head in imported.heads for camera in head.cameras):
-            pose = camera.rig_from_camera
-            for array in (camera.model.parameters, pose.rotation, pose.translation):
-                content.update(array.tobytes())
-        imported = replace(imported, id=f"imported-{rig}-{content.hexdigest()[:12]}")
+        imported = replace(imported, id=f"imported-{rig}-{content_digest(imported)[:12]}")
     write_calibration(out, imported, method=f"imported from {kind}", created_utc=datetime.now(UTC))
     heads = [head.name for head in imported.heads]
     if as_json:

@@ -12,7 +12,9 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
+    from alignment.units import ARCMIN
     from station.calibration.check import Checked
+    from station.calibration.master import MasterWheel
 
 
 def check_command(
@@ -53,11 +55,10 @@ def check_command(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from alignment.calibration.gate import ARCMIN
     from alignment.errors import ConfigurationError
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration_file
-    from station.calibration.check import CheckLimits, MasterWheel, check_folder, store_check
+    from station.calibration.check import CheckLimits, check_folder, store_check
     from station.configuration.settings import read_configuration
 
     if (camber is None) != (toe is None):

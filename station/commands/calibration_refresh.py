@@ -46,7 +46,7 @@ def refresh_command(
     """
     from datetime import UTC, datetime
 
-    from alignment.calibration.gate import ARCMIN
+    from alignment.units import ARCMIN
     from alignment.values import MeasureSettings
     from station.calibration.refresh import refresh_file, refreshed_as_json
     from station.configuration.settings import read_configuration

@@ -130,14 +130,14 @@ def _certificate(
     from db.exports.certificate import write_vehicle_certificate
     from db.queries import ResultReader, vin_history
     from station.quality.gauge.certificate import write_study_certificate
-    from station.quality.gauge.store import load_study
+    from station.quality.gauge.store import load_gauge_study
     from station.quality.selection import newest_vin
 
     if vin is not None and study is not None:
         raise ConfigurationError(field="--vin, --study", expected="one of both", seen="both")
     now = datetime.now(UTC)
     if study is not None:
-        stored = load_study(database, None, study)
+        stored = load_gauge_study(database, None, study)
         report = write_study_certificate(out, stored, created=now)
         return {"files": [str(out)], "assessment": report.assessment} | report.result.as_json()
     try:

@@ -24,7 +24,7 @@ gauge_app = typer.Typer(
     "--database and --name keep as a study, or from a study that the result database holds.",
 )
 
-LONGEST_TABLE = 30
+_LONGEST_TABLE = 30
 
 
 def require_finite(param: typer.CallbackParam, value: float | None) -> float | None:
@@ -372,7 +372,7 @@ def fill_command(
         typer.echo(
             f"{filled.added} values added, {len(filled.study.values)} in all, {len(missing)} runs to go"
         )
-        for vin, who, trial in missing[:LONGEST_TABLE]:
+        for vin, who, trial in missing[:_LONGEST_TABLE]:
             typer.echo(f"  {vin}{f' by {who}' if who else ''} trial {trial}")
     if missing:
         raise typer.Exit(GOAL_MISSED)
@@ -425,9 +425,9 @@ def _show(report: GaugeReport, source: GaugeSource, files: list[Path]) -> None:
 
     console = terminal()
     console.print(f"{report.summary} {source.name}", markup=False, highlight=False)
-    console.print(table(report.result.rows[:LONGEST_TABLE]))
-    if len(report.result.rows) > LONGEST_TABLE:
-        console.print(f"… {len(report.result.rows) - LONGEST_TABLE} more rows; --out writes them all")
+    console.print(table(report.result.rows[:_LONGEST_TABLE]))
+    if len(report.result.rows) > _LONGEST_TABLE:
+        console.print(f"… {len(report.result.rows) - _LONGEST_TABLE} more rows; --out writes them all")
     console.print(figure_table(report.result))
     console.print(report.result.text, markup=False, highlight=False)
     if files:

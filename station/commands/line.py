@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from station.configuration.settings import Configuration
     from station.line.plc.orders import PlcOrder, PlcResult
-    from station.line.tools.trial import Trial, Vehicles, Verdict
+    from station.line.tools.trial import PointVerdict, Trial, Vehicles
     from station.line.wire.channel import BusSettings
     from station.line.wire.dbc import LineDatabase
 
@@ -298,7 +298,7 @@ def _vehicle_as_json(result: PlcResult) -> dict[str, Any]:
     }
 
 
-def _said(verdict: Verdict, scenario: str | None, as_json: bool) -> Verdict:
+def _said(verdict: PointVerdict, scenario: str | None, as_json: bool) -> PointVerdict:
     if not as_json:
         head = "" if scenario is None else f"{scenario}: "
         typer.echo(
@@ -309,15 +309,15 @@ def _said(verdict: Verdict, scenario: str | None, as_json: bool) -> Verdict:
     return verdict
 
 
-def _as_json(verdict: Verdict) -> dict[str, Any]:
+def _as_json(verdict: PointVerdict) -> dict[str, Any]:
     return {**asdict(verdict), "passed": verdict.passed}
 
 
-def _counted(verdicts: list[Verdict]) -> dict[str, int]:
+def _counted(verdicts: list[PointVerdict]) -> dict[str, int]:
     passed = sum(verdict.passed for verdict in verdicts)
     return {"passed": passed, "failed": len(verdicts) - passed}
 
 
-def _end(verdicts: list[Verdict]) -> None:
+def _end(verdicts: list[PointVerdict]) -> None:
     if not all(verdict.passed for verdict in verdicts):
         raise typer.Exit(GOAL_MISSED)

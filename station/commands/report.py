@@ -27,7 +27,7 @@ from station.quality.reports.choices import ReportKind, SplitBy
 if TYPE_CHECKING:
     from station.quality.reports.report import Report
 
-LONGEST_TABLE = 30
+_LONGEST_TABLE = 30
 
 
 def report(
@@ -115,11 +115,11 @@ def _show(found: Report, out: Path | None) -> None:
         for name, value in section.figures.items():
             console.print(f"  {name.replace('_', ' ')} = {shown(value)}", highlight=False)
         names = section.brief or (list(section.rows[0]) if section.rows else [])
-        rows = [{name: row[name] for name in names} for row in section.rows[:LONGEST_TABLE]]
+        rows = [{name: row[name] for name in names} for row in section.rows[:_LONGEST_TABLE]]
         if rows:
             console.print(table(rows))
-        if len(section.rows) > LONGEST_TABLE:
-            console.print(f"… {len(section.rows) - LONGEST_TABLE} more rows; --json has all")
+        if len(section.rows) > _LONGEST_TABLE:
+            console.print(f"… {len(section.rows) - _LONGEST_TABLE} more rows; --json has all")
         if section.text:
             console.print(section.text, markup=False, highlight=False)
     if out is not None:

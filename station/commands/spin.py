@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from alignment.units import in_degrees
 from station.commands.output import print_json
 from station.commands.warm_up import compiled_for_images
 
@@ -70,13 +71,13 @@ def spin_as_json(found: SpinMeasurement | Refusal, shots: list[Path], radius_mm:
         "toe_deg": math.degrees(found.toe),
         "camber_u95_deg": math.degrees(found.camber_u95),
         "toe_u95_deg": math.degrees(found.toe_u95),
-        "runout_deg": _degrees(found.run_out),
+        "runout_deg": in_degrees(found.run_out),
         "runout_u95_deg": math.degrees(found.coverage_factor * found.run_out_u),
         "runout_mm": found.run_out_mm(radius_mm),
-        "covered_turn_deg": _degrees(found.covered_turn),
+        "covered_turn_deg": in_degrees(found.covered_turn),
         "shots_used": found.shots_used,
         "shots": [
-            {"shot": str(shot), "used": used, "phase_deg": _degrees(phase)}
+            {"shot": str(shot), "used": used, "phase_deg": in_degrees(phase)}
             for shot, used, phase in zip(shots, found.used, phases, strict=True)
         ],
         "method": found.method,
@@ -106,7 +107,3 @@ def _print(result: dict[str, Any]) -> None:
         + (", degraded: a head was lost" if result["degraded"] else "")
         + f", calibration {result['calibration_id']}"
     )
-
-
-def _degrees(value: float | None) -> float | None:
-    return None if value is None else math.degrees(value)

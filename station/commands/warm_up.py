@@ -13,7 +13,7 @@ from station.commands.output import JsonFlag, print_json
 
 if TYPE_CHECKING:
     from alignment.values import StereoImages
-    from station.warm_up.prepare import Progress, WarmedUp
+    from station.warm_up.prepare import WarmedUp, WarmUpProgress
 
 _WHAT = "compiling for this computer (once)"
 
@@ -82,7 +82,7 @@ def compiled_for_images(images: Iterable[StereoImages], as_json: bool, *more: st
 
 
 @contextmanager
-def _shown(as_json: bool) -> Iterator[Callable[[Progress], None]]:
+def _shown(as_json: bool) -> Iterator[Callable[[WarmUpProgress], None]]:
     """Yield what shows progress on standard error: a bar at a terminal, else one line, with --json none."""
     from rich import progress as bars
     from rich.console import Console
@@ -90,7 +90,7 @@ def _shown(as_json: bool) -> Iterator[Callable[[Progress], None]]:
     if not sys.stderr.isatty():
         told = as_json
 
-        def tell(progress: Progress) -> None:
+        def tell(progress: WarmUpProgress) -> None:
             nonlocal told
             if not told:
                 typer.echo(f"{_WHAT}: {progress.total} functions, about a minute", err=True)
@@ -107,7 +107,7 @@ def _shown(as_json: bool) -> Iterator[Callable[[Progress], None]]:
     with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(_WHAT, total=1.0, doing="")
 
-        def show(progress: Progress) -> None:
+        def show(progress: WarmUpProgress) -> None:
             bar.update(task, completed=progress.share, doing=f"{progress.done} of {progress.total}")
 
         yield show

@@ -59,7 +59,8 @@ def measure_command(
     from db.records import CalibrationRecord
     from db.store import ResultStore
     from sensors.formats import read_calibration_file, read_shot
-    from station.calibration.zero import LARGEST_ZERO, MasterWheel, measure_zero
+    from station.calibration.master import MasterWheel
+    from station.calibration.zero import LARGEST_ZERO, measure_zero
     from station.configuration.settings import read_configuration
 
     forced_reason = reason_of_force(force, reason, "zero measurement")
@@ -71,7 +72,7 @@ def measure_command(
     file = read_calibration_file(calibration)
     images = read_shot(shots[0], file.calibration()).images
     compiled_for_images(images, as_json, *(["spin"] if len(shots) > 1 else []))
-    wheel = MasterWheel(master, math.radians(camber), math.radians(toe), math.radians(certified_u95) / 2.0)
+    wheel = MasterWheel(math.radians(camber), math.radians(toe), math.radians(certified_u95) / 2.0, master)
     with ResultStore(database) as store:
         found = measure_zero(shots, file.calibration(), settings, wheel, largest, forced_reason)
         if isinstance(found, Refusal):

@@ -24,7 +24,7 @@ from station.configuration.vehicle_types import Label, VehicleType, read_vehicle
 
 SMALLEST_K, LARGEST_K = 1.6, 5.0
 """Believable coverage factors: 1.645 stands for 90 %."""
-Millimetres = Annotated[float, Field(ge=-500, le=500)]
+_Millimetres = Annotated[float, Field(ge=-500, le=500)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
 
 
@@ -171,7 +171,7 @@ class CameraOptions(StrictModel):
 class MeasureOptions(StrictModel):
     """Choices of the measurement."""
 
-    depth_range_mm: tuple[Millimetres, Millimetres] = Field(
+    depth_range_mm: tuple[_Millimetres, _Millimetres] = Field(
         default=(-60.0, 60.0), description="Lowest and highest z of the tyre's surface in the rig frame"
     )
     method: Literal["revolution", "plane", "ridges"] = Field(

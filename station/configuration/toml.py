@@ -8,10 +8,10 @@ from typing import TypeVar
 from alignment.errors import ConfigurationError
 from sensors.formats.validation import StrictModel, load_toml, validate
 
-M = TypeVar("M", bound=StrictModel)
+_M = TypeVar("_M", bound=StrictModel)
 
 
-def read_toml(model: type[M], path: Path, kind: str) -> M:
+def read_toml(model: type[_M], path: Path, kind: str) -> _M:
     """Read a TOML file as a model.
 
     Parameters

@@ -18,7 +18,7 @@ from station.configuration.toml import read_toml
 LARGEST_DEG = 10.0
 WIDEST_DEG = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}
 """Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
-Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
+_Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]+$")]
 AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 
@@ -26,12 +26,12 @@ AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 class Tolerance(StrictModel):
     """Limits of one angle: nominal ± tolerance, or lower and upper."""
 
-    nominal_deg: Degrees | None = Field(default=None, description="Nominal value, degrees")
+    nominal_deg: _Degrees | None = Field(default=None, description="Nominal value, degrees")
     tolerance_deg: float | None = Field(
         default=None, gt=0, le=LARGEST_DEG, description="Accepted deviation to both sides, degrees"
     )
-    lower_deg: Degrees | None = Field(default=None, description="Lowest accepted value, degrees")
-    upper_deg: Degrees | None = Field(default=None, description="Highest accepted value, degrees")
+    lower_deg: _Degrees | None = Field(default=None, description="Lowest accepted value, degrees")
+    upper_deg: _Degrees | None = Field(default=None, description="Highest accepted value, degrees")
 
     @model_validator(mode="after")
     def _is_one_of_the_two(self) -> Tolerance:

@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass
 from datetime import datetime
 
+from alignment.units import in_degrees
+from alignment.values import SIDES
 from db.records import (
     AxleRecord,
     CycleRecord,
@@ -15,7 +17,7 @@ from db.records import (
     WheelOutcome,
     WheelRecord,
 )
-from station.cycle.judging import SIDES, Evaluation, JudgedWheel, axle_of
+from station.cycle.judging import Evaluation, JudgedWheel, axle_of
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
 
@@ -153,8 +155,8 @@ def _wheel_answer(wheel: WheelRecord, standing: Standing) -> WheelAnswer:
     return WheelAnswer(
         wheel.wheel,
         told,
-        camber_deg=_degrees(wheel.camber),
-        toe_deg=_degrees(wheel.toe),
+        camber_deg=in_degrees(wheel.camber),
+        toe_deg=in_degrees(wheel.toe),
         camber_u95_deg=_expanded_deg(wheel.camber_u, k),
         toe_u95_deg=_expanded_deg(wheel.toe_u, k),
         quality=Quality.DEGRADED if wheel.degraded else Quality.FULL,
@@ -172,8 +174,8 @@ def _axle_answer(name: str, axle: AxleRecord | None, standing: Standing) -> Axle
     return AxleAnswer(
         name,
         told,
-        total_toe_deg=_degrees(axle.total_toe),
-        camber_difference_deg=_degrees(axle.camber_difference),
+        total_toe_deg=in_degrees(axle.total_toe),
+        camber_difference_deg=in_degrees(axle.camber_difference),
         total_toe_u95_deg=_expanded_deg(axle.total_toe_u, axle.coverage_factor),
         camber_difference_u95_deg=_expanded_deg(axle.camber_difference_u, axle.coverage_factor),
     )
@@ -187,7 +189,7 @@ def _vehicle_answer(angles: VehicleAnglesRecord | None, standing: Standing) -> V
         return VehicleAnswer(told)
     return VehicleAnswer(
         told,
-        thrust_angle_deg=_degrees(angles.thrust_angle),
+        thrust_angle_deg=in_degrees(angles.thrust_angle),
         thrust_angle_u95_deg=_expanded_deg(angles.thrust_angle_u, angles.coverage_factor),
         thrust_sign=angles.thrust_sign,
     )
@@ -205,10 +207,6 @@ def _told(verdict: Verdict, standing: Standing, judged: bool = True) -> Outcome:
         return Outcome.FAULT
     unjudged = Outcome.FAULT if judged else Outcome.NOT_REQUESTED
     return {Verdict.OK: Outcome.OK, Verdict.NOK: Outcome.NOK}.get(verdict, unjudged)
-
-
-def _degrees(value: float | None) -> float | None:
-    return None if value is None else math.degrees(value)
 
 
 def _expanded_deg(standard: float | None, factor: float | None) -> float | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from alignment.values import SIDES
 from alignment.vehicle.axles import (
     AxleAngles,
     VehicleAngles,
@@ -15,8 +16,6 @@ from alignment.vehicle.axles import (
 from station.configuration.vehicle_types import Tolerance, VehicleType
 from station.cycle.positions import Failure, WheelResult
 from station.cycle.verdict import Angle
-
-SIDES = ("left", "right")
 
 
 @dataclass(frozen=True, eq=False)

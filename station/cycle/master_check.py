@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
+from alignment.units import in_arcminutes
 from db.records import (
     CalibrationCheckRecord,
     CheckKind,
@@ -31,7 +32,7 @@ def unfit_master(record: CycleRecord) -> str | None:
         return None
     return (
         f"no check of the calibrations of {', '.join(wide)}: the limits of the vehicle type are wider than "
-        f"±{60.0 * math.degrees(LARGEST_SHIFT):.4g}′; send the number of a type that holds the certified "
+        f"±{in_arcminutes(LARGEST_SHIFT)}; send the number of a type that holds the certified "
         "angles of the master wheels"
     )
 

@@ -46,7 +46,7 @@ from station.cycle.words import (
 )
 from station.threads.health import ThreadHealth, ThreadWatch, Watched
 
-POLL_S = 0.02
+_POLL_S = 0.02
 _LOG = logging.getLogger("truewheel.station")
 
 
@@ -154,7 +154,7 @@ class MeasuringCycle:
         self._stopping = stopping
         try:
             while not stopping.is_set():
-                self.step(5 * POLL_S)
+                self.step(5 * _POLL_S)
         except BaseException:
             self._trouble = Trouble(ErrorCode.INTERNAL_FAULT)
             if self.state is StationState.FAULT:
@@ -307,7 +307,7 @@ class MeasuringCycle:
             self._wheel_threads, cycle, positions, self._coverage_factor, self._line, self._clock, last_s
         ) as adjusting:
             while not cycle.interrupted:
-                adjusting.step(POLL_S)
+                adjusting.step(_POLL_S)
                 command = self._line.next_command(0.0)
                 if isinstance(command, Stop) and command.sequence == cycle.sequence:
                     break
@@ -325,7 +325,7 @@ class MeasuringCycle:
         running = {self._wheel_threads.submit(p.name, p.run, cycle.zeros): p for p in positions}
         deadline = self._clock() + self._bounds.measure_s
         while running and not self._poll(cycle) and self._clock() < deadline:
-            done, _ = wait(running, POLL_S, FIRST_COMPLETED)
+            done, _ = wait(running, _POLL_S, FIRST_COMPLETED)
             for future in done:
                 result = result_of(future, running.pop(future))
                 cycle.take({result.wheel: result})
@@ -398,7 +398,7 @@ class MeasuringCycle:
         held = self._held
         deadline = self._clock() + self._bounds.acknowledge_s
         while not self._stopping.is_set() and (remaining := deadline - self._clock()) > 0:
-            command = self._line.next_command(min(remaining, 5 * POLL_S))
+            command = self._line.next_command(min(remaining, 5 * _POLL_S))
             if isinstance(command, Acknowledge) and command.sequence == held.sequence:
                 self._close_held(Closing.ACKNOWLEDGED)
                 return

@@ -11,11 +11,9 @@ import enum
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal
 
 from alignment.errors import InputError
-
-ThrustSign = Literal["left_positive", "right_positive"]
+from alignment.vehicle.axles import ThrustSign
 
 
 class Outcome(enum.StrEnum):

@@ -18,7 +18,7 @@ _LARGEST_COUNT = 1_000_000
 
 
 @dataclass(frozen=True)
-class Line:
+class CsvLine:
     """One line below the header.
 
     Attributes
@@ -83,7 +83,7 @@ class Line:
         )
 
 
-def read_table(path: Path, required: Sequence[str]) -> list[Line]:
+def read_table(path: Path, required: Sequence[str]) -> list[CsvLine]:
     """Read a table with a header line, in UTF-8, separated by commas, semicolons or tabs.
 
     Columns come in any order and case, and others than the required ones may be there. With semicolons or
@@ -115,7 +115,7 @@ def read_table(path: Path, required: Sequence[str]) -> list[Line]:
                 expected=f"{len(header)} cells, as the header has",
                 seen=str(len(cells)),
             )
-        lines.append(Line(path, number, dict(zip(header, cells, strict=True)), separator))
+        lines.append(CsvLine(path, number, dict(zip(header, cells, strict=True)), separator))
     if not lines:
         raise FormatError(file=path, expected="at least one line of values below the header", seen="none")
     return lines

@@ -30,6 +30,7 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
     MeasureSettings,
@@ -47,9 +48,8 @@ REWARM_UP = (
 ROUNDS, REPEATS = 7, 70
 CAMBER, TOE, SEED = math.radians(1.0), math.radians(-0.5), 1
 MOST_MS, LEAST_SPEEDUP, MOST_MEMORY_MB = 25.0, 60.0, 1000.0
-_ARCMIN = math.pi / 10800.0
 #: What a measurement calls, by which module, in the order of its work.
-STAGES = {
+TIMED_STAGES = {
     "extraction": (measure, "extract_many"),
     "correspondence": (measure, "match_heads"),
     "choice_of_surface": (measure, "plane_hypotheses"),
@@ -164,7 +164,7 @@ def _milliseconds(images: Sequence[StereoImages], calibration: RigCalibration, r
 
 def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats: int) -> dict[str, float]:
     """Median wall time of each stage, milliseconds; the clocks stay, so this comes last."""
-    spent: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    spent: dict[str, list[float]] = {stage: [] for stage in TIMED_STAGES}
 
     def timed(function: Callable[..., object], into: list[float]) -> Callable[..., object]:
         def call(*args: object, **keywords: object) -> object:
@@ -175,7 +175,7 @@ def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats
 
         return call
 
-    for stage, (module, name) in STAGES.items():
+    for stage, (module, name) in TIMED_STAGES.items():
         setattr(module, name, timed(getattr(module, name), spent[stage]))
     for _ in range(repeats):
         for times in spent.values():
@@ -263,10 +263,10 @@ def run(repeats: int = REPEATS, warm_up_s: float = WARM_UP_S) -> dict[str, float
         "speedup_over_sgbm_ransac": speedup,
         "ratio_to_gaussian_blur": blurs,
         "peak_memory_mb": rest["peak_mb"],
-        "camber_error_arcmin": (ours.camber - sample.camber) / _ARCMIN,
-        "toe_error_arcmin": (ours.toe - sample.toe) / _ARCMIN,
-        "sgbm_camber_error_arcmin": (camber - sample.camber) / _ARCMIN,
-        "sgbm_toe_error_arcmin": (toe - sample.toe) / _ARCMIN,
+        "camber_error_arcmin": (ours.camber - sample.camber) / ARCMIN,
+        "toe_error_arcmin": (ours.toe - sample.toe) / ARCMIN,
+        "sgbm_camber_error_arcmin": (camber - sample.camber) / ARCMIN,
+        "sgbm_toe_error_arcmin": (toe - sample.toe) / ARCMIN,
         **{f"{stage}_ms": value for stage, value in rest["stages"].items()},
     }
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.calibration.gate import ARCMIN
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
 from sensors.formats import GaugeFrame, PlateSession
 from sensors.formats.plate_truth import PlateTruth

@@ -35,7 +35,7 @@ from station.line.wire.options import LineHealth, LineOptions
 from station.line.wire.status import read_status
 from station.rehearsal.prepared import open_rehearsal
 
-KINDS = ("random", "flipped", "replayed", "length", "strange", "foreign")
+NOISE_KINDS = ("random", "flipped", "replayed", "length", "strange", "foreign")
 _TIMEOUTS = PlcTimeouts(
     connect_s=30.0, ready_s=5.0, busy_s=1.0, done_s=5.0, acknowledged_s=2.0, silence_s=5.0
 )
@@ -184,7 +184,7 @@ def _make_noise(
     # What is repeated and flipped is then a cycle's traffic.
     _wait_until(lambda: report.good_cycles > 0, "expected a good cycle before the noise, found none")
     for number in range(1, frames + 1):
-        kind = rng.choice(KINDS)
+        kind = rng.choice(NOISE_KINDS)
         bus.send(noise.make(kind))
         report.frames[kind] += 1
         if number % _AHEAD == 0:

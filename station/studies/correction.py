@@ -13,7 +13,7 @@ from alignment.arrays import Array
 from alignment.calibration.correction import (
     Candidate,
     ErrorModel,
-    choose_model,
+    choose_correction,
     fit_correction,
     left_out_errors,
     polynomial,
@@ -99,7 +99,7 @@ def run_table(places: Sequence[Path], quick: bool, progress: Progress) -> StudyR
         known = np.isfinite(errors[:, column])
         scaled, values = correction.scaled(points)[known], errors[known, column]
         chosen = correction.models[column]
-        form = choose_model(scaled, values, [PUBLISHED_FORMS[axis]])
+        form = choose_correction(scaled, values, [PUBLISHED_FORMS[axis]])
         progress(0.2 + 0.25 * column, f"{axis}: leaving out points")
         folds = 12 if quick else len(values)
         nested = left_out_errors(scaled, values, standard_candidates(scaled.shape[1]), folds)

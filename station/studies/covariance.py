@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
+from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.prediction import (
     NominalWheel,
     point_covariance,
@@ -23,14 +24,14 @@ from alignment.calibration.prediction import (
 )
 from alignment.stereo.rectification import Rectification
 from alignment.stereo.triangulation import triangulate
+from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe
 from alignment.wheel.revolution import fit_revolution
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 
-ARCMIN = math.pi / (180.0 * 60.0)
 WITHIN = 0.15
 _POINTS = np.array([[0.0, 0.0, 0.0], [35.0, 30.0, 20.0], [-40.0, -30.0, -20.0]])
 """Measured by the first head, relative to the middle of its field, millimetres."""
@@ -85,7 +86,7 @@ def repeat_calibrations(count: int, seed: int, progress: Progress, views: int = 
         Stage positions of each calibration.
     """
     true = build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(seed))
-    cameras, plate = cameras_of(true), square_plate()
+    cameras, plate = cameras_of_rig(true), square_plate()
     wheel = NominalWheel()
     seen = [
         (head.left.project(points), head.right.project(points))

@@ -19,6 +19,7 @@ from alignment.arrays import Array
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
     MeasureSettings,
@@ -30,15 +31,7 @@ from sensors.simulation.scene import Obstacle, Sun, WheelScene, cable, draw_pose
 from sensors.simulation.tyre import SHAPES, Material
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mixtures import mixture_row, mixture_table, mixtures
-from station.studies.wheels import (
-    ARCMIN,
-    StudyRig,
-    calibrate_from_plate,
-    errors_arcmin,
-    exposed,
-    lights,
-    study_rig,
-)
+from station.studies.wheels import StudyRig, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 
 SHOTS, QUICK_SHOTS = 600, 24
 WORST_ARCMIN, SIGMAS, BEYOND, ACCEPTED = 1.0, 3.0, 1.0 / 200.0, 0.8
@@ -220,7 +213,7 @@ def _swapped(rig: StudyRig, scene: WheelScene, rng: np.random.Generator) -> _Set
     return _Setting(scene, rig.true, f"{rig.true.heads[k].name}: left for right", swapped=k)
 
 
-KINDS: dict[str, tuple[_Disturb, float]] = {
+DISTURBANCES: dict[str, tuple[_Disturb, float]] = {
     "dirt": (_dirt, 0.13),
     "occlusion": (_occlusion, 0.24),
     "sun": (_sun, 0.1),
@@ -248,13 +241,13 @@ def degraded_shot(rig: StudyRig, seed: int, number: int, kind: str | None = None
         One of `KINDS`; None draws it.
     """
     rng = np.random.default_rng([seed, 6, number])
-    names = list(KINDS)
-    drawn = str(rng.choice(names, p=[share for _, share in KINDS.values()]))
+    names = list(DISTURBANCES)
+    drawn = str(rng.choice(names, p=[share for _, share in DISTURBANCES.values()]))
     kind = kind or drawn
     camber, toe = np.radians(rng.uniform(-3.0, 3.0, 2))
     shape = str(rng.choice(sorted(SHAPES)))
     scene = draw_scene(rig.spec, rig.side, draw_pose(rng, float(camber), float(toe)), rng, shape, seed=seed)
-    setting = KINDS[kind][0](rig, scene, rng)
+    setting = DISTURBANCES[kind][0](rig, scene, rng)
     images = exposed(lights(setting.scene, setting.cameras), setting.scene, rng)
     if setting.swapped is not None:
         pair = images[setting.swapped]
@@ -282,11 +275,11 @@ def run_shots(
     for k in range(count):
         progress((k + 1) / (count + 1), f"shot {k + 1} of {count}")
         shot = degraded_shot(rig, seed, k)
-        rows.append(row_of(k, shot, calibration))
+        rows.append(table_row(k, shot, calibration))
     return summarise(rows)
 
 
-def row_of(number: int, shot: DegradedShot, calibration: RigCalibration) -> Row:
+def table_row(number: int, shot: DegradedShot, calibration: RigCalibration) -> Row:
     """Measure a shot: a row of the table."""
     result = measure_wheel(shot.images, calibration, MeasureSettings())
     accepted = isinstance(result, WheelMeasurement)
@@ -340,7 +333,7 @@ def summarise(rows: list[Row]) -> StudyResult:
             f"Of {len(hidden)} with up to {LITTLE:.0%} of the view hidden, {100 * share:.0f} % were accepted."
         )
     lines = ["| disturbance | shots | accepted | largest error, ′ | beyond 3 u |", "|---|---|---|---|---|"]
-    for kind in KINDS:
+    for kind in DISTURBANCES:
         of_kind = [row for row in rows if row["kind"] == kind]
         at = np.array([row["kind"] == kind for row in kept], dtype=np.bool_)
         worst = float(np.abs(errors[at]).max(initial=0.0))
@@ -375,7 +368,7 @@ def with_mixtures(result: StudyResult, rows: list[Row]) -> StudyResult:
 def _plot(kept: list[Row], errors: Array, stated: Array) -> Figure:
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for index, kind in enumerate(KINDS):
+    for index, kind in enumerate(DISTURBANCES):
         at = np.array([row["kind"] == kind for row in kept], dtype=np.bool_)
         if at.any():
             axes.loglog(stated[at].ravel(), np.abs(errors[at]).ravel(), "osv^<>Dph*"[index], ms=4, label=kind)

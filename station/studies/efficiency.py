@@ -17,14 +17,15 @@ from alignment.arrays import Array, Index
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.stereo.correspondence import match_heads
 from alignment.stereo.rectification import epipolar_directions
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings
 from alignment.wheel.revolution import RevolutionFit, fit_revolution, least_covariance
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.studies.wheels import ARCMIN, exposed, lights, study_rig
+from station.studies.wheels import exposed, lights, study_rig
 
 REPEATS, QUICK_REPEATS = 400, 60
-LIMIT = 1.25
+_LIMIT = 1.25
 _STRETCH = 25
 _GATE = 0.1  # mm; candidates of the sidewall, for the points to be those of a wheel
 
@@ -34,7 +35,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     count = QUICK_REPEATS if quick else REPEATS
     rng = np.random.default_rng([seed, 7])
     progress(0.0, "picture")
-    points, sigma, rays, spread, line, surface = wheel_points(seed, rng)
+    points, sigma, rays, spread, line, surface = _wheel_points(seed, rng)
     cluster = line * 65536 + np.arange(len(line)) // _STRETCH
     cluster = np.unique(cluster, return_inverse=True)[1].astype(np.int64)
     bound = np.sqrt(np.diag(least_covariance(points, sigma, rays, surface)))
@@ -68,7 +69,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     ]
     # The ratio of a scatter from few repeats is uncertain by 1/√(2 n); the quick form allows twice that.
     slack = 2.0 / math.sqrt(2.0 * count) if quick else 0.0
-    goals = (Goal("largest_ratio_to_cramer_rao", "at_most", LIMIT + slack),)
+    goals = (Goal("largest_ratio_to_cramer_rao", "at_most", _LIMIT + slack),)
     text = f"""
 {count} draws of noise on {len(points)} points of three heads: the axis scatters by
 {scatter.max() / ARCMIN:.4f}′, {ratios.max():.2f} times the Cramér–Rao bound of the same points.
@@ -76,7 +77,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     return StudyResult(tuple(rows), figures, goals, text, {"efficiency": _plot(tilts, bound)})
 
 
-def wheel_points(
+def _wheel_points(
     seed: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array, Index, RevolutionFit]:
     """Points, deviations, rays, spreads, lines of a rendered wheel, laid on the surface that fits them."""

@@ -27,10 +27,10 @@ from sensors.formats.plate_session import PlateSession
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
 
-HEAD = "head"
-LEFT: CameraKey = (HEAD, "left")
-RIGHT: CameraKey = (HEAD, "right")
-SIZE = (752, 582)
+_HEAD = "head"
+LEFT: CameraKey = (_HEAD, "left")
+RIGHT: CameraKey = (_HEAD, "right")
+_SIZE = (752, 582)
 SCALE_X, SCALE_Y = 116.589, 120.248
 """Pixels per millimetre of the CV-M50, CCIR."""
 NOMINAL = Known(aspect=SCALE_X / SCALE_Y)
@@ -75,11 +75,11 @@ def build_head(spec: HeadSpec, rng: np.random.Generator) -> RigCalibration:
         # The cameras look along −z, y of the image down; a converging one turns towards the middle.
         turned = Rotation.from_euler("xy", [math.pi, side * spec.convergence / 2])
         model = CameraModel(
-            *SIZE,
+            *_SIZE,
             SCALE_X * spec.focal_mm * (1.0 + rng.normal(0.0, spec.focal)),
             SCALE_Y * spec.focal_mm * (1.0 + rng.normal(0.0, spec.focal)),
-            (SIZE[0] - 1) / 2 + rng.normal(0.0, spec.centre_px),
-            (SIZE[1] - 1) / 2 + rng.normal(0.0, spec.centre_px),
+            (_SIZE[0] - 1) / 2 + rng.normal(0.0, spec.centre_px),
+            (_SIZE[1] - 1) / 2 + rng.normal(0.0, spec.centre_px),
             "brown",
             tuple(c + s * rng.normal() for c, s in zip(spec.coefficients, spec.lens, strict=True)),
         )
@@ -89,11 +89,11 @@ def build_head(spec: HeadSpec, rng: np.random.Generator) -> RigCalibration:
         )
         cameras.append(PosedCamera(model, pose))
     return RigCalibration(
-        "true", "study", "left", (HeadCalibration(HEAD, *cameras),), nominal_vehicle_from_rig("left")
+        "true", "study", "left", (HeadCalibration(_HEAD, *cameras),), nominal_vehicle_from_rig("left")
     )
 
 
-def square_plate(marks: int, pitch_mm: float, diameter_mm: float) -> PlateDescription:
+def ringed_plate(marks: int, pitch_mm: float, diameter_mm: float) -> PlateDescription:
     """Plate of marks × marks (odd) about its middle, three of them rings there; errors ±0.01 mm."""
     half = marks // 2
     return describe_plate(
@@ -124,7 +124,7 @@ def take_images(
     return simulate_plate_session(spec, plate, true, rng)
 
 
-def observe(session: PlateSession, methods: Sequence[str]) -> dict[str, CalibrationInput]:
+def observe_images(session: PlateSession, methods: Sequence[str]) -> dict[str, CalibrationInput]:
     """Marks of every image, by each method.
 
     Parameters
@@ -139,7 +139,7 @@ def observe(session: PlateSession, methods: Sequence[str]) -> dict[str, Calibrat
     DegenerateInputError
         When the plate is not recognised in an image.
     """
-    plate = session.plate.seen_by(HEAD)
+    plate = session.plate.seen_by(_HEAD)
     views: dict[str, list[PlateView]] = {method: [] for method in methods}
     for view in session.views:
         seen: dict[str, dict[CameraKey, MarkObservations]] = {method: {} for method in methods}

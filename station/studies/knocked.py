@@ -18,10 +18,12 @@ from matplotlib.figure import Figure
 
 from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
+from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.row_equations import stepped, with_camera
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
     MeasureSettings,
@@ -35,8 +37,9 @@ from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
-from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
-from station.studies.wheels import ARCMIN, exposed, lights, study_rig
+from station.studies.refresh import PIXEL
+from station.studies.simulated_views import ViewErrors, observe, square_plate
+from station.studies.wheels import exposed, lights, study_rig
 
 WHEELS, RIGS, KNOCKS = 20, 200, 400
 QUICK_WHEELS, QUICK_RIGS, QUICK_KNOCKS = 1, 6, 12
@@ -44,7 +47,6 @@ PRESETS = ("standard", "dense", "central", "standard")
 TURN_ARCMIN, SHIFT_MM = (0.5, 5.0), (0.02, 0.5)
 """Least and largest knock; drawn evenly in the logarithm, so that small ones are as many as large ones."""
 FALSE_ALARMS, MISSES = 0.01, 0.01
-PIXEL = 0.01  # what finding the marks of a sharp plate leaves
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class KnockKind:
         return f"{what} {'turned about' if self.turns else 'shifted along'} {'xyz'[self.axis]}"
 
 
-KINDS = tuple(
+KNOCK_KINDS = tuple(
     KnockKind(whole, turns, axis) for whole in (False, True) for turns in (True, False) for axis in range(3)
 )
 
@@ -84,7 +86,7 @@ def plate_covariance(true: RigCalibration, rng: np.random.Generator) -> Array:
         else position.stage_mm
         for position in plate_positions()
     ]
-    views = observe(cameras_of(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
+    views = observe(cameras_of_rig(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
     known = adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
     if known.covariance is None or known.parameter_names != true.parameter_names:
         raise AssertionError("the joint adjustment states a covariance of the lens model that it was given")
@@ -193,17 +195,17 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
         intact = np.array([result.camber, result.toe])
         for k in range(n * knocks // rigs, (n + 1) * knocks // rigs):
             # Every wheel meets every kind, a single one in their order.
-            kind = KINDS[(k + (n // wheels if wheels > 1 else 0)) % len(KINDS)]
+            kind = KNOCK_KINDS[(k + (n // wheels if wheels > 1 else 0)) % len(KNOCK_KINDS)]
             least, most = (np.array(TURN_ARCMIN) * ARCMIN) if kind.turns else SHIFT_MM
             size = float(np.exp(rng.uniform(math.log(least), math.log(most))) * rng.choice([-1.0, 1.0]))
             head, side = int(rng.integers(len(known.heads))), int(rng.integers(2))
             found = measure_wheel(wheel.images, knocked(known, kind, head, side, size), settings)
             shown = size / ARCMIN if kind.turns else size
             rows.append(_row(n + 1, wheel, str(kind), shown, found, intact))
-    return summarise(rows)
+    return _summarise(rows)
 
 
-def summarise(rows: list[Row]) -> StudyResult:
+def _summarise(rows: list[Row]) -> StudyResult:
     """Figures, goals, text and plot of the rows."""
     intact = [row for row in rows if not row["kind"]]
     moved = [row for row in rows if row["kind"]]
@@ -222,7 +224,7 @@ def summarise(rows: list[Row]) -> StudyResult:
         "largest silent change, ′ |",
         "|---|---|---|---|---|---|---|",
     ]
-    for kind in map(str, KINDS):
+    for kind in map(str, KNOCK_KINDS):
         mine = [row for row in moved if row["kind"] == kind]
         counts = [
             *(sum(row["outcome"] == outcome for row in mine) for outcome in ("refused", "warned")),

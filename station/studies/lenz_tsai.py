@@ -23,7 +23,7 @@ from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from station.figures import Goal, Progress, Row, Study, StudyResult
 
-SIZE = (752, 582)
+_SIZE = (752, 582)
 SCALE_X, SCALE_Y = 116.589, 120.248
 """Pixels per millimetre of the CV-M50."""
 FOCAL_MM, DISTANCE_MM, LEAN = 8.0, 500.0, math.radians(40.0)
@@ -34,7 +34,7 @@ LARGEST = 2.0
 
 def camera() -> PosedCamera:
     """The true camera, in the frame of the board."""
-    model = CameraModel(*SIZE, SCALE_X * FOCAL_MM, SCALE_Y * FOCAL_MM, 375.5, 290.5, "division", (0.0,))
+    model = CameraModel(*_SIZE, SCALE_X * FOCAL_MM, SCALE_Y * FOCAL_MM, 375.5, 290.5, "division", (0.0,))
     look = Rotation.from_euler("x", math.pi + LEAN).as_matrix()
     return PosedCamera(model, RigidTransform(look, np.array([0.0, 0.0, DISTANCE_MM])).inverse())
 
@@ -66,11 +66,11 @@ def _errors(
         for s, error in enumerate(SCALE_ERRORS):
             known = Known(aspect=(1.0 + error) * SCALE_X / SCALE_Y)
             try:
-                found = calibrate_lenz(flat, seen[middle], SIZE, known)
+                found = calibrate_lenz(flat, seen[middle], _SIZE, known)
                 lenz[k, s] = position_error(found.camera, true, flat)
             except DegenerateInputError:
                 pass
-            tsai[k, s] = position_error(calibrate_tsai(space, seen, SIZE, known).camera, true, space)
+            tsai[k, s] = position_error(calibrate_tsai(space, seen, _SIZE, known).camera, true, space)
     return lenz, tsai
 
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from skimage import filters as _filters
+from skimage import filters as untyped_filters
 from skimage import measure as _measure
 
 from alignment.arrays import Array
 from alignment.values import Image
 
 # Without types of their own.
-filters: Any = _filters
+_filters: Any = untyped_filters
 measure: Any = _measure
 Peer = Callable[[Image, tuple[int, int]], Array]
 """Centres (N, 2) in an image of a grid of so many columns and rows of dark marks."""
@@ -46,7 +46,7 @@ def opencv_ellipse(image: Image, grid: tuple[int, int]) -> Array:
 
 def skimage_centroid(image: Image, grid: tuple[int, int]) -> Array:
     """`skimage.measure.regionprops`: middle of each region under Otsu's threshold."""
-    regions = measure.regionprops(measure.label(image < filters.threshold_otsu(image)))
+    regions = measure.regionprops(measure.label(image < _filters.threshold_otsu(image)))
     large = [r for r in regions if r.area >= _SMALLEST]
     return np.array([r.centroid[::-1] for r in large], dtype=np.float64).reshape(-1, 2)
 
@@ -54,7 +54,7 @@ def skimage_centroid(image: Image, grid: tuple[int, int]) -> Array:
 def skimage_contour(image: Image, grid: tuple[int, int]) -> Array:
     """`skimage.measure.EllipseModel` through the sub-pixel contours at Otsu's level."""
     centres = []
-    for contour in measure.find_contours(image.astype(np.float64), filters.threshold_otsu(image)):
+    for contour in measure.find_contours(image.astype(np.float64), _filters.threshold_otsu(image)):
         if len(contour) < 24:
             continue
         model = measure.EllipseModel.from_estimate(contour[:, ::-1])

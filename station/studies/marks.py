@@ -20,7 +20,7 @@ from alignment.imaging.edges import OPERATORS
 from alignment.imaging.mark_bias import homography_offsets
 from alignment.imaging.mark_detection import find_marks
 from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.mark_plane import fit_homography
+from alignment.imaging.mark_plane import fit_grid_homography
 from alignment.imaging.marks import RoughMarks
 from alignment.imaging.thresholds import THRESHOLDS
 from alignment.values import Image
@@ -92,7 +92,7 @@ def _peer(name: str) -> Locate:
     return locate
 
 
-METHODS: dict[str, Locate] = {
+MARK_METHODS: dict[str, Locate] = {
     "ellipse": _ours("ellipse"),
     **{f"edge_ellipse/{operator}": _ours("edge_ellipse", operator=operator) for operator in OPERATORS},
     "arctan_edges": _ours("arctan_edges"),
@@ -217,7 +217,7 @@ def compare(
     images: list[Conditions],
     rng: np.random.Generator,
     told: Callable[[float], None] = lambda done: None,
-    methods: Mapping[str, Locate] = METHODS,
+    methods: Mapping[str, Locate] = MARK_METHODS,
 ) -> tuple[dict[str, Summary], float]:
     """Every method on one image of each kind, and the bound on the RMS distance, pixels."""
     errors: dict[str, list[Array]] = {name: [] for name in methods}
@@ -259,7 +259,7 @@ def perspective(tilt_deg: float, rng: np.random.Generator) -> tuple[Array, Array
     true = np.column_stack([plane, np.ones(len(plane))]) @ homography.T
     before = points - true[:, :2] / true[:, 2:]
     # The homography comes from the located marks themselves.
-    seen = fit_homography(plane, points)
+    seen = fit_grid_homography(plane, points)
     return before, before + homography_offsets(seen, plane, radius)
 
 

@@ -13,16 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import Image, MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
 from sensors.simulation.scene import WheelPose, WheelScene, draw_scene
 from station.figures import Row
-from station.studies.wheels import ARCMIN, StudyRig, errors_arcmin, exposed, lights
+from station.studies.wheels import StudyRig, errors_arcmin, exposed, lights
 
 Shot = list[StereoImages]
 
 _CAMBER, _TOE = math.radians(0.6), math.radians(-0.3)
 #: Scenes that the mixtures are made of: the wheel moved by millimetres along x, y, z and turned by degrees.
-MOVES: dict[str, tuple[tuple[float, float, float], tuple[float, float]]] = {
+_MOVES: dict[str, tuple[tuple[float, float, float], tuple[float, float]]] = {
     "0.05 mm out": ((0.0, 0.0, 0.05), (0.0, 0.0)),
     "0.5 mm out": ((0.0, 0.0, 0.5), (0.0, 0.0)),
     "0.5 mm back": ((0.5, 0.0, 0.0), (0.0, 0.0)),
@@ -48,7 +49,7 @@ def _scenes(rig: StudyRig, seed: int) -> dict[str, WheelScene]:
         return draw_scene(rig.spec, rig.side, pose, rng, "touring", seed=seed + tyre)
 
     out = {"now": scene((0.0, 0.0, 0.0), (0.0, 0.0))}
-    out |= {name: scene(shift, turn) for name, (shift, turn) in MOVES.items()}
+    out |= {name: scene(shift, turn) for name, (shift, turn) in _MOVES.items()}
     other = scene((1.0, -1.0, 1.0), (0.3, 0.2), tyre=1)
     out["another tyre"] = replace(other, projectors=out["now"].projectors)
     return out
@@ -124,7 +125,7 @@ def mixtures(
     shots = {name: picture(rig, scene, rng) for name, scene in scenes.items()}
     now = shots["now"]
     out = []
-    for name in (*MOVES, "another tyre"):
+    for name in (*_MOVES, "another tyre"):
         out.append(Mixture(f"one camera from {name}", _stale(now, shots[name], ((1, 0),))))
         out.append(Mixture(f"one head from {name}", _stale(now, shots[name], ((1, 0), (1, 1)))))
     lefts = tuple((k, 0) for k in range(rig.spec.heads))

@@ -28,14 +28,14 @@ from station.studies.heads import (
     calibrate_each,
     calibrate_jointly,
     measured_points,
-    observe,
+    observe_images,
     places,
+    ringed_plate,
     split,
-    square_plate,
     take_images,
 )
 
-SPEC = HeadSpec(
+_SPEC = HeadSpec(
     focal_mm=8.0,
     baseline_mm=250.0,
     distance_mm=300.0,
@@ -44,7 +44,7 @@ SPEC = HeadSpec(
     lens=(0.02, 0.02, 5e-4, 5e-4, *(0.0,) * 8, 0.01, 0.01),
     convergence=math.radians(45.0),
 )
-CALIBRATION_STAGES = (
+_CALIBRATION_STAGES = (
     (0.0, 0.0, 0.0),
     (0.0, 0.0, -30.0),
     (0.0, 0.0, -15.0),
@@ -72,9 +72,9 @@ SETS = (
 
 def _errors_of_head(rng: np.random.Generator) -> tuple[dict[str, list[Array]], Array]:
     """Errors (K, 3), mm, by calibration and in the order of `SETS`; places (49, 3) of the 49 points."""
-    true, plate = build_head(SPEC, rng), square_plate(13, 12.5, 7.0)
-    session, _ = take_images(true, plate, (*CALIBRATION_STAGES, *MEASURED_STAGES), rng)
-    data, (plane, height) = split(observe(session, ["ellipse"])["ellipse"], len(CALIBRATION_STAGES))
+    true, plate = build_head(_SPEC, rng), ringed_plate(13, 12.5, 7.0)
+    session, _ = take_images(true, plate, (*_CALIBRATION_STAGES, *MEASURED_STAGES), rng)
+    data, (plane, height) = split(observe_images(session, ["ellipse"])["ellipse"], len(_CALIBRATION_STAGES))
     found: dict[str, list[Array]] = {}
     at_49 = np.zeros((0, 3))
     for name, calibrate in CALIBRATIONS.items():

@@ -27,23 +27,23 @@ from station.studies.heads import (
     calibrate_each,
     calibrate_jointly,
     measured_points,
-    observe,
+    observe_images,
     places,
+    ringed_plate,
     split,
-    square_plate,
     take_images,
 )
 
 Range = tuple[float, float]
 
-SPEC = HeadSpec(
+_SPEC = HeadSpec(
     focal_mm=10.0,
     baseline_mm=60.0,
     distance_mm=300.0,
     coefficients=(-0.08, 0.05, 0.0, 0.0, 0.0),
     lens=(0.01, 0.01, 2e-4, 2e-4, 0.0),
 )
-CALIBRATION_STAGES = (
+_CALIBRATION_STAGES = (
     (0.0, 0.0, 0.0),
     (0.0, 0.0, -30.0),
     (0.0, 0.0, -15.0),
@@ -65,7 +65,7 @@ def _own(data: CalibrationInput) -> dict[CameraKey, PosedCamera]:
     return calibrate_each(data, calibrate_two_system)
 
 
-class Line(NamedTuple):
+class PublishedLine(NamedTuple):
     """One line of the table: calibration, method of finding marks, and the published ranges x, y, z, µm."""
 
     name: str
@@ -76,11 +76,11 @@ class Line(NamedTuple):
 
 
 LINES = (
-    Line("lenz_subpixel", _lenz, "arctan_edges", ((-117, 165), (-553, 437), (-5516, 4469)), 6000),
-    Line("own_plain", _own, "centroid/entropy", ((-17, 37), (-116, 88), (-295, 47)), 350),
-    Line("own_weight_point", _own, "weight_point", ((-39, 47), (-41, 50), (-175, 272)), 300),
-    Line("own_subpixel", _own, "arctan_edges", ((-19, 24), (-20, 17), (-91, 79)), 100),
-    Line("joint_ellipse", calibrate_jointly, "ellipse", None, LARGEST_UM),
+    PublishedLine("lenz_subpixel", _lenz, "arctan_edges", ((-117, 165), (-553, 437), (-5516, 4469)), 6000),
+    PublishedLine("own_plain", _own, "centroid/entropy", ((-17, 37), (-116, 88), (-295, 47)), 350),
+    PublishedLine("own_weight_point", _own, "weight_point", ((-39, 47), (-41, 50), (-175, 272)), 300),
+    PublishedLine("own_subpixel", _own, "arctan_edges", ((-19, 24), (-20, 17), (-91, 79)), 100),
+    PublishedLine("joint_ellipse", calibrate_jointly, "ellipse", None, LARGEST_UM),
 )
 """From the worst published to the best, then the joint adjustment, whose goal stands in place of that."""
 
@@ -97,14 +97,14 @@ class HeadErrors(NamedTuple):
         return float(np.linalg.norm(self.points, axis=1).max())
 
 
-def errors_of_head(rng: np.random.Generator, lines: Sequence[Line] = LINES) -> dict[str, HeadErrors]:
+def errors_of_head(rng: np.random.Generator, lines: Sequence[PublishedLine] = LINES) -> dict[str, HeadErrors]:
     """Build a head and measure by each line; a line whose calibration failed is missing."""
-    true, plate = build_head(SPEC, rng), square_plate(11, 9.0, 6.0)
-    session, _ = take_images(true, plate, (*CALIBRATION_STAGES, MEASURED_STAGE), rng)
-    observed = observe(session, sorted({line.marks for line in lines}))
+    true, plate = build_head(_SPEC, rng), ringed_plate(11, 9.0, 6.0)
+    session, _ = take_images(true, plate, (*_CALIBRATION_STAGES, MEASURED_STAGE), rng)
+    observed = observe_images(session, sorted({line.marks for line in lines}))
     found = {}
     for line in lines:
-        data, (view,) = split(observed[line.marks], len(CALIBRATION_STAGES))
+        data, (view,) = split(observed[line.marks], len(_CALIBRATION_STAGES))
         try:
             rows, points = measured_points(line.calibrate(data), view)
         except DegenerateInputError:
@@ -183,7 +183,7 @@ def _or_nan(statistic: Callable[[list[float]], float], values: list[float]) -> f
 
 
 def _row(
-    line: Line,
+    line: PublishedLine,
     axis: str,
     errors: list[Array],
     published: tuple[float | None, float | None],

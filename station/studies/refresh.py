@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 
 from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import CameraKey
+from alignment.calibration.observations import CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, angle_covariance, wheel_points
 from alignment.calibration.refresh import Refreshed, refresh
 from alignment.calibration.row_equations import stepped, with_camera
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
 from sensors.simulation.plate_session import plate_positions
 from sensors.simulation.render import simulate_shot
@@ -28,9 +29,8 @@ from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.covariance import measured_angles
-from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
+from station.studies.simulated_views import ViewErrors, observe, square_plate
 
-ARCMIN = math.pi / (180.0 * 60.0)
 RIGS, QUICK_RIGS = 20, 2
 SHOTS, QUICK_SHOTS = 10, 3
 TURN, SHIFT_MM = 1e-3, 0.05
@@ -53,7 +53,7 @@ def knocked_rig(rng: np.random.Generator) -> KnockedRig:
         else position.stage_mm
         for position in plate_positions()
     ]
-    views = observe(cameras_of(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
+    views = observe(cameras_of_rig(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
     known = adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
     head, side = int(rng.integers(3)), int(rng.integers(2))
     camera = true.heads[head].cameras[side]

@@ -13,12 +13,14 @@ import numpy as np
 
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.cross_pairs import SeenWheel, cross_pairs, joined, seen_wheel
+from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.calibration.refresh import Refreshed, Sightings, refresh_from
 from alignment.calibration.row_equations import with_camera
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration
 from sensors.simulation.plate_session import plate_positions
 from sensors.simulation.render import simulate_shot
@@ -26,8 +28,8 @@ from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import draw_pose, draw_scene
 from sensors.simulation.tyre import SHAPES
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.studies.refresh import ARCMIN, PIXEL, angle_errors
-from station.studies.simulated_views import ViewErrors, cameras_of, observe, square_plate
+from station.studies.refresh import PIXEL, angle_errors
+from station.studies.simulated_views import ViewErrors, observe, square_plate
 
 TURNS_ARCMIN = (0.5, 1.0, 2.0, 5.0)
 SHIFTS_MM = (0.02, 0.05, 0.1, 0.5)
@@ -38,7 +40,7 @@ SHOTS, QUICK_SHOTS = 4, 3
 
 
 @dataclass(frozen=True)
-class Knock:
+class DrawnKnock:
     """What moved: nothing, a camera or a whole head; turned (arcminutes) or shifted (mm) along an axis."""
 
     body: str = "none"
@@ -53,7 +55,7 @@ class Knock:
 
 
 KNOCKS = tuple(
-    Knock(body, how, axis, size)
+    DrawnKnock(body, how, axis, size)
     for body in ("camera", "head")
     for how, sizes in (("turn", TURNS_ARCMIN), ("shift", SHIFTS_MM))
     for axis in "xyz"
@@ -83,11 +85,13 @@ def calibrated(true: RigCalibration, rng: np.random.Generator) -> RigCalibration
         else position.stage_mm
         for position in plate_positions()
     ]
-    views = observe(cameras_of(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
+    views = observe(cameras_of_rig(true), square_plate(), poses, rng, ViewErrors(pixel=PIXEL))
     return adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
 
 
-def knocked(calibration: RigCalibration, knock: Knock, rng: np.random.Generator) -> RigCalibration:
+def with_drawn_knock(
+    calibration: RigCalibration, knock: DrawnKnock, rng: np.random.Generator
+) -> RigCalibration:
     """Return a calibration whose cameras did not see how one of them, or a head, drawn at random, moved.
 
     The axes are those of the camera, or of the head's left camera.
@@ -136,11 +140,11 @@ def refreshed(wheels: Sequence[SeenWheel], known: RigCalibration) -> Refreshed:
     return refresh_from(sightings(wheels, known), known)
 
 
-def judged(
+def judged_refresh(
     wheels: Sequence[SeenWheel],
     known: RigCalibration,
     true: RigCalibration,
-    knock: Knock,
+    knock: DrawnKnock,
     refresh: Callable[[Sequence[SeenWheel], RigCalibration], Refreshed] = refreshed,
 ) -> Row:
     """Refresh one rig: what it says, and what it leaves."""
@@ -175,18 +179,18 @@ def rate_rows(
     wheels: int,
     shots: int,
     progress: Progress,
-    knocks: Sequence[Knock] = KNOCKS,
+    knocks: Sequence[DrawnKnock] = KNOCKS,
 ) -> list[Row]:
     """Judge so many intact rigs, and so many of every kind of knock."""
     true, seen = rendered_wheels(wheels, seed, progress)
-    jobs = [Knock()] * intact + list(knocks) * each
+    jobs = [DrawnKnock()] * intact + list(knocks) * each
     rows = []
     for number, knock in enumerate(jobs):
         progress(0.1 + 0.9 * number / len(jobs), f"rig {number + 1} of {len(jobs)}, {knock.kind}")
         rng = np.random.default_rng([seed, 13, number])
-        known = knocked(calibrated(true, rng), knock, rng)
+        known = with_drawn_knock(calibrated(true, rng), knock, rng)
         chosen = [seen[n] for n in rng.choice(len(seen), shots, replace=False)]
-        rows.append(judged(chosen, known, true, knock))
+        rows.append(judged_refresh(chosen, known, true, knock))
     return rows
 
 

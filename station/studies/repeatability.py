@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, WheelMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.studies.wheels import ARCMIN, errors_arcmin, exposed, lights, study_rig
+from station.studies.wheels import errors_arcmin, exposed, lights, study_rig
 
 REPEATS, QUICK_REPEATS = 25, 6
-LIMIT = 0.02
+_LIMIT = 0.02
 CAMBER, TOE = math.radians(-0.8), math.radians(0.2)
 
 
@@ -64,7 +65,7 @@ def run_repeats(count: int, seed: int, progress: Progress) -> StudyResult:
         "toe_mean_error_arcmin": float(errors[:, 1].mean()),
         "stated_standard_uncertainty_arcmin": float(np.sqrt(np.square(stated).mean())),
     }
-    goals = tuple(Goal(name, "at_most", LIMIT) for name in list(figures)[:2])
+    goals = tuple(Goal(name, "at_most", _LIMIT) for name in list(figures)[:2])
     text = f"""
 {count} shots of one wheel without run-out, each in another place within ±8 mm, turned by any angle, with new
 noise; true cameras. Standard deviation of camber {scatter[0]:.4f}′, of toe {scatter[1]:.4f}′.

@@ -21,7 +21,6 @@ from alignment.calibration.observations import (
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import MarkObservations, Plate
-from alignment.values import RigCalibration
 
 STAGES: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.0, 0.0),
@@ -65,14 +64,6 @@ def square_plate(
     points = np.column_stack([indices * pitch_mm, np.zeros(len(indices))])
     sigma = np.tile([errors.mark_mm, errors.mark_mm, errors.flatness_mm], (len(points), 1))
     return Plate(indices, points, sigma, radius_mm, np.zeros(len(points), bool), 0.0)
-
-
-def cameras_of(calibration: RigCalibration) -> dict[CameraKey, PosedCamera]:
-    """Every camera of a rig by head and side."""
-    out: dict[CameraKey, PosedCamera] = {}
-    for head in calibration.heads:
-        out[head.name, "left"], out[head.name, "right"] = head.cameras
-    return out
 
 
 def observe(

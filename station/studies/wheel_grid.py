@@ -19,19 +19,12 @@ from matplotlib.figure import Figure
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel.spin import SpinMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.studies.wheels import (
-    ARCMIN,
-    StudyRig,
-    calibrate_from_plate,
-    errors_arcmin,
-    exposed,
-    lights,
-    study_rig,
-)
+from station.studies.wheels import StudyRig, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 
 TRUE = "true cameras"
 RIDGES = "ridges"

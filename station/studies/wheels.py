@@ -12,6 +12,7 @@ from alignment.arrays import Singles
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration, Side, StereoImages, WheelMeasurement
 from sensors.formats import read_plate
 from sensors.formats.plate_session import PlateSession
@@ -23,7 +24,6 @@ from sensors.simulation.scene import WheelScene, truth_of
 from station.calibration.calibrate import observe_session
 from station.configuration.places import default_config
 
-ARCMIN = math.radians(1.0 / 60.0)
 PLATE = "plates/rig.toml"
 
 

@@ -33,7 +33,7 @@ class StoppedError(TruewheelError):
 
 
 @dataclass(frozen=True)
-class Progress:
+class WarmUpProgress:
     """How far it is: the share done, 0 to 1, how many functions of how many, and the last one."""
 
     share: float
@@ -58,7 +58,7 @@ class WarmedUp:
 
 def warm_up(
     works: Iterable[Work],
-    report: Callable[[Progress], None] = lambda progress: None,
+    report: Callable[[WarmUpProgress], None] = lambda progress: None,
     stopping: threading.Event | None = None,
     *,
     loaded: bool = True,
@@ -121,7 +121,7 @@ def warm_up(
 
 def _compile(
     absent: Sequence[Needed],
-    report: Callable[[Progress], None],
+    report: Callable[[WarmUpProgress], None],
     stopping: threading.Event,
     apart: CompileApart,
     clock: Callable[[], float],
@@ -129,11 +129,11 @@ def _compile(
     """Compile in other processes, until one tells that the disk keeps nothing."""
     compiled: list[Compiled] = []
     total, done, logged = sum(map(weight, absent)), 0, clock()
-    report(Progress(0.0, 0, len(absent)))
+    report(WarmUpProgress(0.0, 0, len(absent)))
     for one in apart(absent, FUNCTION_TIMEOUT_S, stopping):
         compiled.append(one)
         done += weight(one.what)
-        progress = Progress(done / total, len(compiled), len(absent), one.what.name)
+        progress = WarmUpProgress(done / total, len(compiled), len(absent), one.what.name)
         report(progress)
         if clock() - logged >= _LOG_EVERY_S:
             logged = clock()

@@ -19,7 +19,7 @@ from typing import IO
 from alignment.errors import Deed, Remedy, WarmUpError
 from station.warm_up.needs import Needed
 
-POLL_S = 0.05
+_POLL_S = 0.05
 MOST_WORKERS = 4  # each takes about 300 MB
 COMMAND = (sys.executable, "-m", "station.warm_up.worker")
 _ROOT = Path(__file__).resolve().parents[2]
@@ -85,7 +85,7 @@ def compile_apart(
             selector.register(_output(worker), selectors.EVENT_READ, worker)
             _give(worker, waiting, clock())
         while any(worker.task for worker in workers) and not stopping.is_set():
-            for key, _ in selector.select(POLL_S):
+            for key, _ in selector.select(_POLL_S):
                 worker = key.data
                 answer = _answer(worker)
                 if answer is not None:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RefusalCode, StereoImages, WheelMeasurement
 from tests import path_traced
-from tests.assertions import ARCMIN, assert_angle_within
+from tests.assertions import assert_angle_within
 
 SETTINGS = MeasureSettings()
 

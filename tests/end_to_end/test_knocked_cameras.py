@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from alignment.measure import measure_wheel
+from alignment.units import ARCMIN
 from alignment.values import (
     MeasureSettings,
     Refusal,
@@ -21,13 +22,12 @@ from alignment.values import (
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelScene, draw_pose, draw_scene
-from station.studies.knocked import KINDS, KnockKind, knocked, plate_covariance
-from tests.assertions import ARCMIN
+from station.studies.knocked import KNOCK_KINDS, KnockKind, knocked, plate_covariance
 from tests.once import once
 
 SPEC = RIG_SPECS["standard"]
 SETTINGS = MeasureSettings()
-TURNS = [kind for kind in KINDS if kind.turns and not kind.whole_head]
+TURNS = [kind for kind in KNOCK_KINDS if kind.turns and not kind.whole_head]
 RISE = KnockKind(whole_head=True, turns=False, axis=2)
 
 

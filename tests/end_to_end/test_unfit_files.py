@@ -19,7 +19,7 @@ import pytest
 
 import sensors.formats.files
 from alignment.errors import ConfigurationError, FormatError
-from alignment.file_limits import DOCUMENT, in_words, unfit_kind, unfit_size
+from alignment.file_limits import DOCUMENT, size_in_words, unfit_kind, unfit_size
 from sensors.formats import read_image, write_calibration, write_shot
 from sensors.formats.files import entries, open_ordinary, read_bytes
 from station.configuration.vehicle_types import read_vehicle_types
@@ -232,7 +232,7 @@ def test_a_folder_of_vehicle_types_with_very_many_entries_is_refused(
 
 
 def test_sizes_and_kinds_in_words() -> None:
-    assert [in_words(size) for size in (0, 1023, 1024, DOCUMENT, SPARSE, 2**50)] == [
+    assert [size_in_words(size) for size in (0, 1023, 1024, DOCUMENT, SPARSE, 2**50)] == [
         "0 bytes", "1023 bytes", "1 KiB", "256 MiB", "20 GiB", "1024 TiB",
     ]  # fmt: skip
     assert unfit_kind(0o100644) is None

@@ -4,16 +4,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from alignment.calibration.observations import cameras_of_rig
 from alignment.errors import FormatError
 from sensors.formats.calibration_input import read_calibration_input, write_calibration_input
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 
 
 def written(folder: Path) -> Path:
     rig = build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1))
     data = observe(
-        cameras_of(rig), square_plate(), STAGES[:2], np.random.default_rng(1), corrected=False
+        cameras_of_rig(rig), square_plate(), STAGES[:2], np.random.default_rng(1), corrected=False
     ).data
     path = folder / "rig.input.json"
     write_calibration_input(path, data, "id-1")

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
+from alignment.calibration.observations import cameras_of_rig
 from alignment.values import RigCalibration
 from sensors.formats import PlateSession, read_plate
 from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 from tests.once import once
 
 PLATE = Path(__file__).parents[2] / "configs" / "plates" / "rig.toml"
@@ -40,6 +41,6 @@ def plate_session() -> PlateSession:
 def adjusted() -> tuple[Adjustment, RigCalibration]:
     """The joint adjustment of four simulated views of `true_rig`, and the calibration it gives."""
     true = true_rig()
-    views = observe(cameras_of(true), square_plate(), STAGES[:4], np.random.default_rng(5))
+    views = observe(cameras_of_rig(true), square_plate(), STAGES[:4], np.random.default_rng(5))
     result = adjust(views.data, AdjustmentSettings("radial"))
     return result, result.rig_calibration("cal-test", true.rig, true.side, true.vehicle_from_rig)

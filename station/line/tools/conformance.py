@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from alignment.errors import TruewheelError
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome
-from station.line.tools.trial import Point, Trial, Verdict
+from station.line.tools.trial import Point, PointVerdict, Trial
 from station.line.wire.link import Spoil
 from station.line.wire.messages import CommandAnswer, CommandCode, HandshakeState
 
@@ -379,7 +379,7 @@ def point_named(name: str) -> Point | None:
     return next((point for point in POINTS if point.name == name), None)
 
 
-def try_point(point: Point, trial: Trial) -> Verdict:
+def try_point(point: Point, trial: Trial) -> PointVerdict:
     """Try one point out, and leave a ready station behind."""
     failure: str | None = None
     try:
@@ -389,10 +389,10 @@ def try_point(point: Point, trial: Trial) -> Verdict:
         failure = str(error)
     trial.plc.spoil, trial.plc.paused = None, False
     trial.plc.withdraw()
-    return Verdict(point.name, point.requirement, failure)
+    return PointVerdict(point.name, point.requirement, failure)
 
 
-def check_station(trial: Trial, points: tuple[Point, ...] = POINTS) -> Iterator[Verdict]:
+def check_station(trial: Trial, points: tuple[Point, ...] = POINTS) -> Iterator[PointVerdict]:
     """Try points out, one after the other."""
     for point in points:
         yield try_point(point, trial)

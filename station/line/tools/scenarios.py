@@ -18,9 +18,9 @@ from alignment.errors import DegenerateInputError
 from sensors.formats.validation import StrictModel
 from station.configuration.toml import read_toml
 from station.line.tools.conformance import POINTS, point_named, try_point
-from station.line.tools.trial import Trial, Vehicles, Verdict
+from station.line.tools.trial import PointVerdict, Trial, Vehicles
 
-WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")]
+_WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")]
 
 
 class ScenarioVehicle(StrictModel):
@@ -33,7 +33,7 @@ class ScenarioVehicle(StrictModel):
     unknown_type: int = Field(
         default=65_535, ge=0, le=65_535, description="Number of a type the station does not know"
     )
-    wheels: tuple[WheelName, ...] | None = Field(
+    wheels: tuple[_WheelName, ...] | None = Field(
         default=None, min_length=1, description="Wheels to measure; all without"
     )
     patience_s: float = Field(
@@ -77,7 +77,7 @@ class Played:
     """One play of a scenario."""
 
     scenario: str
-    verdict: Verdict
+    verdict: PointVerdict
 
 
 def read_scenarios(path: Path) -> ScenarioFile:

@@ -25,7 +25,7 @@ class Vehicles:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PointVerdict:
     """How a point went: passed, or failed with what was expected and seen."""
 
     point: str

@@ -10,7 +10,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from station.cycle.words import ErrorCode, Outcome, StationState, ThrustSign
+from alignment.vehicle.axles import ThrustSign
+from station.cycle.words import ErrorCode, Outcome, StationState
 
 
 class HandshakeState(enum.StrEnum):

@@ -9,13 +9,13 @@ from typing import cast
 import can
 
 from alignment.errors import InputError, LineError
+from alignment.vehicle.axles import ThrustSign
 from station.cycle.words import (
     AxleAnswer,
     LiveAngles,
     LiveState,
     Outcome,
     Quality,
-    ThrustSign,
     VehicleAnswer,
     WheelAnswer,
     overall_outcome,

@@ -13,7 +13,7 @@ import numpy as np
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.budget import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
-from alignment.statistics.choices import ChartKind, GrrMethod, Judgement, RuleSet
+from alignment.statistics.choices import ChartKind, Conclusion, GrrMethod, RuleSet
 from alignment.statistics.grr import (
     ACCEPTABLE_PERCENT,
     CONDITIONAL_PERCENT,
@@ -61,11 +61,11 @@ class GaugeReport:
     no_verdict: bool = False
 
     @property
-    def judgement(self) -> Judgement:
+    def judgement(self) -> Conclusion:
         """Whether the gauge has shown what was asked of it."""
         if self.no_verdict:
-            return Judgement.NONE
-        return Judgement.NOT_SHOWN if self.result.missed else Judgement.SHOWN
+            return Conclusion.NONE
+        return Conclusion.NOT_SHOWN if self.result.missed else Conclusion.SHOWN
 
     def as_json(self) -> dict[str, Any]:
         """What `--json` prints, but for the files."""

@@ -15,7 +15,7 @@ from alignment.statistics.type1 import LEAST_VALUES, USUAL_VALUES
 from db.records import StudyKind
 from station.quality.gauge.analysis import without_appraiser
 from station.quality.gauge.file import read_budget_file, read_gauge_file
-from station.quality.gauge.source import COLUMNS, GaugeSource
+from station.quality.gauge.source import GAUGE_COLUMNS, GaugeSource
 
 
 def collect_components(
@@ -65,7 +65,7 @@ def collect_components(
 
 
 def _of_type1(file: Path, reference: float | None) -> list[Component]:
-    rows = read_gauge_file(file, COLUMNS[StudyKind.TYPE1])
+    rows = read_gauge_file(file, GAUGE_COLUMNS[StudyKind.TYPE1])
     with GaugeSource(str(file), rows, "", {}).named_in_errors():
         offset, values = deviations([row.value for row in rows])
         if len(values) < LEAST_VALUES:
@@ -83,7 +83,7 @@ def _of_type1(file: Path, reference: float | None) -> list[Component]:
 
 
 def _of_grr(file: Path) -> list[Component]:
-    rows = read_gauge_file(file, COLUMNS[StudyKind.GRR])
+    rows = read_gauge_file(file, GAUGE_COLUMNS[StudyKind.GRR])
     with GaugeSource(str(file), rows, "", {}).named_in_errors():
         offset, values = deviations([row.value for row in rows])
         appraisers = None if without_appraiser(rows) else [row.appraiser for row in rows]

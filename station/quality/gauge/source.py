@@ -14,9 +14,9 @@ from typing import Any
 from alignment.errors import ConfigurationError, DegenerateInputError
 from db.records import GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.gauge.file import GaugeRow, read_gauge_file
-from station.quality.gauge.store import RADIANS, load_study, store_rows
+from station.quality.gauge.store import RADIANS, load_gauge_study, store_rows
 
-COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {
+GAUGE_COLUMNS: Mapping[StudyKind, tuple[str, ...]] = {
     StudyKind.TYPE1: ("value",),
     StudyKind.GRR: ("part", "value"),
     StudyKind.LINEARITY: ("reference", "value"),
@@ -105,13 +105,13 @@ def open_source(
     if database is not None and file is not None and name is None:
         raise ConfigurationError(choice="name", expected="a name under which to keep the study", seen="none")
     if file is not None:
-        rows = read_gauge_file(file, COLUMNS[kind])
+        rows = read_gauge_file(file, GAUGE_COLUMNS[kind])
         if database is None or name is None:
             return GaugeSource(str(file), rows, unit, plan)
         return source_of(store_rows(database, kind, name, rows, unit, plan, str(file)))
     assert database is not None
     assert study is not None
-    return source_of(load_study(database, kind, study))
+    return source_of(load_gauge_study(database, kind, study))
 
 
 def source_of(stored: StoredGaugeStudy) -> GaugeSource:

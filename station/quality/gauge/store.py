@@ -99,7 +99,7 @@ def store_rows(
     with ResultStore(database) as store:
         store.plan_study(record)
         store.record_study_values(values)
-    return load_study(database, kind, str(record.uuid))
+    return load_gauge_study(database, kind, str(record.uuid))
 
 
 def plan_study(
@@ -218,7 +218,7 @@ def fill_study(
     if added:
         with ResultStore(database) as store:
             store.record_study_values(added)
-    filled = load_study(database, record.kind, str(record.uuid))
+    filled = load_gauge_study(database, record.kind, str(record.uuid))
     known = {(value.part, value.appraiser, value.trial) for value in filled.values}
     missing = tuple(run for run in runs if (run.part, run.appraiser, run.trial) not in known)
     return Filled(filled, len(added), missing)
@@ -229,7 +229,7 @@ def planned_runs(record: GaugeStudyRecord) -> list[Run]:
     return [Run(part, appraiser, trial) for part, appraiser, trial in record.plan.get(_RUNS, [])]
 
 
-def load_study(database: str, kind: StudyKind | None, wanted: str) -> StoredGaugeStudy:
+def load_gauge_study(database: str, kind: StudyKind | None, wanted: str) -> StoredGaugeStudy:
     """A study by UUID or name.
 
     Raises

@@ -13,6 +13,7 @@ from alignment.arrays import Array, Index
 from alignment.statistics.moments import Moments, merged
 from alignment.statistics.moments import moments as moments_of
 from alignment.statistics.stability import drift_of, drift_per_day
+from alignment.values import SIDES
 from db.queries import (
     Characteristic,
     Filter,
@@ -20,14 +21,14 @@ from db.queries import (
     Quantity,
     ResultReader,
     ValueSeries,
+    characteristic_moments,
     events,
-    moments,
     value_series,
 )
 from db.records import EventRecord
 from station.quality.pictures import Picture, Trace
-from station.quality.reports.report import Row, Section, shown_time
-from station.quality.reports.values import NEWEST, comparable, in_degrees, times, wheel_angles
+from station.quality.reports.report import Section, TableRow, shown_time
+from station.quality.reports.values import NEWEST, aware_times, comparable, moments_in_degrees, wheel_angles
 
 TEMPERATURE = "temperature"
 """Code of events whose value is a temperature in degrees Celsius."""
@@ -47,7 +48,7 @@ def compare_sections(
 
 def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]) -> Section:
     """What the values do over days, at new calibrations and with temperature, station by station."""
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     pictures: list[Picture] = []
     temperatures = _temperatures(events(reader, where, codes=(TEMPERATURE,)))
     for characteristic in list(characteristics) or wheel_angles(reader, where):
@@ -81,12 +82,12 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
 
 
 def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
-    rows: list[Row] = []
-    axles = sorted({(c.part.rpartition("_")[0], c.quantity) for c in wanted if c.part.endswith(_SIDES)})
+    rows: list[TableRow] = []
+    axles = sorted({(c.part.rpartition("_")[0], c.quantity) for c in wanted if c.part.endswith(SIDES)})
     for axle, quantity in axles:
         left, right = (
             value_series(reader, Characteristic(f"{axle}_{side}", Quantity(quantity)), where, newest=NEWEST)
-            for side in _SIDES
+            for side in SIDES
         )
         other = dict(zip(right.cycle, right.value, strict=True))
         pairs = [
@@ -119,13 +120,13 @@ def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]
 
 def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
     groups: dict[tuple[str, str], dict[str, Moments]] = defaultdict(dict)
-    for found in moments(reader, where, wanted, (GroupBy.STATION,)):
+    for found in characteristic_moments(reader, where, wanted, (GroupBy.STATION,)):
         if found.n >= 2:
             limits = "none" if found.low is None else f"{math.degrees(found.low):.3f}"
             limits += " … " + ("none" if found.high is None else f"{math.degrees(found.high):.3f}")
             station = str(found.group[GroupBy.STATION])
-            groups[str(found.characteristic), limits][station] = in_degrees(found)
-    rows: list[Row] = []
+            groups[str(found.characteristic), limits][station] = moments_in_degrees(found)
+    rows: list[TableRow] = []
     for (characteristic, limits), by_station in groups.items():
         if len(by_station) < 2:
             continue
@@ -243,7 +244,7 @@ def _calibration_steps(
         before, after = moments_of(values[first:at]), moments_of(values[at:last])
         difference, half, p = _welch(after, before)
         limits = _limits(difference, half)
-        time = times(series)[mine[at]]
+        time = aware_times(series)[mine[at]]
         rows.append(
             {
                 "influence": "calibration",

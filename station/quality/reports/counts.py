@@ -7,7 +7,7 @@ from datetime import datetime
 
 from db.queries import Filter, GroupBy, ResultReader, YieldCounts, reasons, wheel_counts, yield_counts
 from station.quality.pictures import Picture, Trace
-from station.quality.reports.report import Row, Section
+from station.quality.reports.report import Section, TableRow
 
 _LONGEST_PARETO = 20
 
@@ -16,7 +16,7 @@ def yield_section(reader: ResultReader, where: Filter) -> Section:
     """Vehicles by outcome: all, by station, by type, by day."""
     whole = yield_counts(reader, where)
     total = whole[0] if whole else YieldCounts({}, 0, 0, 0, 0)
-    rows: list[Row] = [_row("all", "", total)]
+    rows: list[TableRow] = [_row("all", "", total)]
     by_day: Sequence[YieldCounts] = ()
     for name, by in (("station", GroupBy.STATION), ("type", GroupBy.VEHICLE_TYPE), ("day", GroupBy.DAY)):
         found = yield_counts(reader, where, (by,))
@@ -53,7 +53,7 @@ def pareto_section(reader: ResultReader, where: Filter) -> Section:
     """What went wrong, most frequent first."""
     found = reasons(reader, where)
     total = sum(reason.count for reason in found)
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     cumulative = 0
     for reason in found:
         cumulative += reason.count
@@ -87,7 +87,7 @@ def pareto_section(reader: ResultReader, where: Filter) -> Section:
     )
 
 
-def _row(group: str, name: str, counts: YieldCounts) -> Row:
+def _row(group: str, name: str, counts: YieldCounts) -> TableRow:
     return {
         "by": group, "name": name, "vehicles": counts.total, "ok": counts.ok, "nok": counts.nok,
         "fault": counts.fault, "aborted": counts.aborted, "yield_percent": _percent(counts),

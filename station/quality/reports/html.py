@@ -11,7 +11,7 @@ from station.pages import page
 from station.quality.pictures import as_html
 from station.quality.reports.report import Report, shown_cell
 
-LONGEST_TABLE = 5000
+_LONGEST_TABLE = 5000
 _LONG = 40
 
 
@@ -34,7 +34,7 @@ def write_html(path: Path, report: Report) -> None:
         program=Markup(get_plotlyjs()) if pictures else "",
         shown=lambda value: shown_cell(value, 6),
         drawn=lambda picture: Markup(as_html(picture)),
-        longest_table=LONGEST_TABLE,
+        longest_table=_LONGEST_TABLE,
         longest_line=_LONG,
     )
     with replaced(path) as temporary:

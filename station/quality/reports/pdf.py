@@ -9,7 +9,7 @@ from db.exports.pdf import Document
 from station.quality.pictures import as_figure
 from station.quality.reports.report import Report, Section, shown_cell
 
-LONGEST_TABLE = 500
+_LONGEST_TABLE = 500
 _COLUMNS = 9
 _NARROWEST, _WIDEST = 13, 24  # characters of a column
 
@@ -37,7 +37,7 @@ def _section(document: Document, section: Section) -> None:
         document.paragraph(section.text)
     for picture in section.pictures:
         document.picture(as_figure(picture))
-    rows = section.rows[:LONGEST_TABLE]
+    rows = section.rows[:_LONGEST_TABLE]
     if not rows:
         document.paragraph("Nothing.")
         return
@@ -49,8 +49,8 @@ def _section(document: Document, section: Section) -> None:
         heads = [name.replace("_", " ") for name in shown]
         document.rows(heads, cells, widths=_widths(heads, cells))
     left_out = []
-    if len(section.rows) > LONGEST_TABLE:
-        left_out.append(f"{len(section.rows) - LONGEST_TABLE} more rows")
+    if len(section.rows) > _LONGEST_TABLE:
+        left_out.append(f"{len(section.rows) - _LONGEST_TABLE} more rows")
     if len(names) < len(rows[0]):
         left_out.append(f"{len(rows[0]) - len(names)} more columns")
     if left_out:

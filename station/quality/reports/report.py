@@ -12,7 +12,7 @@ from db.queries import Filter
 from station.quality.pictures import Picture
 
 Cell = str | float | int | bool | None
-Row = Mapping[str, Cell]
+TableRow = Mapping[str, Cell]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Section:
 
     name: str
     title: str
-    rows: Sequence[Row]
+    rows: Sequence[TableRow]
     figures: Mapping[str, float | int | None] = field(default_factory=dict)
     text: str = ""
     pictures: Sequence[Picture] = ()

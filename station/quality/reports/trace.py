@@ -10,7 +10,7 @@ from uuid import UUID
 from alignment.errors import InputError
 from db.exports.rows import angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
-from station.quality.reports.report import Row, Section, shown_time
+from station.quality.reports.report import Section, TableRow, shown_time
 
 _LONGEST = 300
 
@@ -26,7 +26,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
     history = vin_history(reader, vin)
     if not history.cycles:
         raise InputError(choice="vin", expected=f"a VIN in {reader.where}", seen=f"no cycle of {vin!r}")
-    rows: list[Row] = [
+    rows: list[TableRow] = [
         {
             "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
             "angle": row.characteristic, "value_deg": row.value_deg,
@@ -40,7 +40,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
         for stored in history.cycles
         for row in angle_rows(stored)
     ]  # fmt: skip
-    cycles: list[Row] = [
+    cycles: list[TableRow] = [
         {
             "received": shown_time(stored.record.received_utc), "stored": shown_time(stored.stored_utc),
             "station": stored.record.station,
@@ -72,7 +72,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
 
 def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
     """When the wheels of each station were last found good, and once every vehicle measured since."""
-    checks: list[Row] = []
+    checks: list[TableRow] = []
     found: dict[tuple[str, str], dict[str, Any]] = {}
     groups = since_last_good_check(reader, where)
     for group in groups:
@@ -110,14 +110,14 @@ def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
 
 
 def _explaining(history: VinHistory) -> list[Section]:
-    calibrations: list[Row] = [
+    calibrations: list[TableRow] = [
         {
             "calibration": record.id, "rig": record.rig, "valid_from": shown_time(record.valid_from_utc),
             "valid_until": shown_time(record.valid_until_utc),
         }
         for record in history.calibrations.values()
     ]  # fmt: skip
-    checks: list[Row] = [
+    checks: list[TableRow] = [
         {
             "time": shown_time(check.utc), "calibration": check.calibration_id,
             "against": str(check.kind), "outcome": str(check.outcome), "reason": check.reason,
@@ -125,7 +125,7 @@ def _explaining(history: VinHistory) -> list[Section]:
         }
         for check in history.checks
     ]  # fmt: skip
-    zeros: list[Row] = [
+    zeros: list[TableRow] = [
         {
             "zero": zero.record.id, "rig": zero.record.rig, "measured": shown_time(zero.record.measured_utc),
             "master": zero.record.master,
@@ -134,7 +134,7 @@ def _explaining(history: VinHistory) -> list[Section]:
         }
         for zero in history.zeros.values()
     ]  # fmt: skip
-    stations: list[Row] = [
+    stations: list[TableRow] = [
         {
             "station": station.station, "plant": station.plant, "label": station.label,
             "valid_from": shown_time(station.valid_from_utc), "software": station.software_version,
@@ -142,14 +142,14 @@ def _explaining(history: VinHistory) -> list[Section]:
         }
         for station in history.stations
     ]  # fmt: skip
-    happened: list[Row] = [
+    happened: list[TableRow] = [
         {
             "time": shown_time(event.utc), "station": event.station, "severity": str(event.severity),
             "source": event.source, "code": event.code, "text": event.text,
         }
         for event in history.events
     ]  # fmt: skip
-    shots: list[Row] = [
+    shots: list[TableRow] = [
         {
             "wheel": shot.record.wheel, "path": shot.record.path, "bytes": shot.record.bytes,
             "archived": shown_time(shot.record.archived_utc), "class": str(shot.record.retention),

@@ -20,14 +20,22 @@ from alignment.statistics.capability import (
     quantile_performance,
 )
 from alignment.statistics.charts import Baseline, ControlChart, Track, control_chart
-from alignment.statistics.choices import ChartKind, Judgement, RuleSet
+from alignment.statistics.choices import ChartKind, Conclusion, RuleSet
 from alignment.statistics.moments import Moments
 from alignment.statistics.rules import rule_source, rule_texts
-from db.queries import Characteristic, Filter, GroupBy, ResultReader, ValueSeries, moments, value_series
-from db.queries import Moments as StoredMoments
+from db.queries import (
+    Characteristic,
+    CharacteristicMoments,
+    Filter,
+    GroupBy,
+    ResultReader,
+    ValueSeries,
+    characteristic_moments,
+    value_series,
+)
 from station.quality.pictures import Picture, Trace
 from station.quality.reports.choices import SplitBy
-from station.quality.reports.report import Row, Section, in_words, shown_time
+from station.quality.reports.report import Section, TableRow, in_words, shown_time
 
 NEWEST = 20_000
 """Single values that distributions and charts take at most, the newest ones."""
@@ -54,10 +62,10 @@ def capability_section(
     by = [GroupBy.VEHICLE_TYPE, *_SPLITS[split]]
     with_limits = [
         found
-        for found in moments(reader, where, characteristics, by)
+        for found in characteristic_moments(reader, where, characteristics, by)
         if found.n >= 2 and (found.low is not None or found.high is not None)
     ]
-    rows: list[Row] = []
+    rows: list[TableRow] = []
     pictures: list[Picture] = []
     series: dict[Characteristic, ValueSeries] = {}
     for found in with_limits:
@@ -78,9 +86,9 @@ def capability_section(
         for name in ("cpk", "ppk")
     }
     figures: dict[str, float | int | None] = {
-        "capable_characteristics": sum(row["verdict"] == Judgement.SHOWN for row in rows),
+        "capable_characteristics": sum(row["verdict"] == Conclusion.SHOWN for row in rows),
         "judged_characteristics": len(rows),
-        "characteristics_without_verdict": sum(row["verdict"] == Judgement.NONE for row in rows),
+        "characteristics_without_verdict": sum(row["verdict"] == Conclusion.NONE for row in rows),
         "least_cpk": least["cpk"],
         "least_ppk": least["ppk"],
     }
@@ -105,8 +113,8 @@ def capability_section(
     )
 
 
-def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
-    overall = in_degrees(found)
+def _capability_row(found: CharacteristicMoments, values: Array, split: SplitBy) -> TableRow:
+    overall = moments_in_degrees(found)
     low, high = _degrees(found.low), _degrees(found.high)
     sigma, df = _within(found, values)
     indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
@@ -128,7 +136,7 @@ def _capability_row(found: StoredMoments, values: Array, split: SplitBy) -> Row:
     }  # fmt: skip
 
 
-def _courses(rows: Sequence[Row]) -> list[Picture]:
+def _courses(rows: Sequence[TableRow]) -> list[Picture]:
     """Ppk and its lower confidence limit over the groups, a picture for each characteristic and type."""
     pictures = []
     for name, kind in dict.fromkeys((str(row["characteristic"]), str(row["type"])) for row in rows):
@@ -159,8 +167,8 @@ def chart_sections(
     Limits come from the results of `baseline`, or from the values themselves without.
     """
     wanted = list(characteristics) or wheel_angles(reader, where)
-    rows: list[Row] = []
-    signals: list[Row] = []
+    rows: list[TableRow] = []
+    signals: list[TableRow] = []
     pictures: list[Picture] = []
     for characteristic in wanted:
         series = value_series(reader, characteristic, where, newest=NEWEST)
@@ -224,7 +232,7 @@ def chart_sections(
 
 def wheel_angles(reader: ResultReader, where: Filter) -> list[Characteristic]:
     """Camber and toe of every wheel that has values."""
-    found = {m.characteristic for m in moments(reader, where) if m.n}
+    found = {m.characteristic for m in characteristic_moments(reader, where) if m.n}
     wheels = [c for c in found if c.quantity in ("camber", "toe")]
     return sorted(wheels, key=str)
 
@@ -245,14 +253,14 @@ def comparable(series: ValueSeries) -> tuple[Array, bool]:
     return (series.value - middle) * _DEG, True
 
 
-def in_degrees(found: StoredMoments) -> Moments:
+def moments_in_degrees(found: CharacteristicMoments) -> Moments:
     """The same moments in degrees."""
     # Of equal values rounding may leave squares in the sums; they have none.
     squares = found.m2 * _DEG**2 if found.maximum > found.minimum else 0.0
     return Moments(found.n, found.mean * _DEG, squares, found.minimum * _DEG, found.maximum * _DEG)
 
 
-def times(series: ValueSeries) -> list[datetime]:
+def aware_times(series: ValueSeries) -> list[datetime]:
     """Times of a series, aware."""
     micros = series.time.astype("datetime64[us]").astype(np.int64)
     return [datetime.fromtimestamp(int(us) / 1e6, UTC) for us in micros]
@@ -262,7 +270,7 @@ def _known(values: Array) -> list[float | None]:
     return [None if math.isnan(value) else float(value) for value in values]
 
 
-def _within(found: StoredMoments, values: Array) -> tuple[float | None, int | None]:
+def _within(found: CharacteristicMoments, values: Array) -> tuple[float | None, int | None]:
     """Short-term spread in degrees and its degrees of freedom.
 
     Where no two vehicles came in one hour, it is that of successive values.
@@ -272,7 +280,7 @@ def _within(found: StoredMoments, values: Array) -> tuple[float | None, int | No
     return moving_range_sigma(values) or (None, None)
 
 
-def _values_of(series: ValueSeries, found: StoredMoments) -> Array:
+def _values_of(series: ValueSeries, found: CharacteristicMoments) -> Array:
     """(N,) values in degrees of the same limits and vehicle type."""
     same = [
         (low, high) == (found.low, found.high)
@@ -283,8 +291,8 @@ def _values_of(series: ValueSeries, found: StoredMoments) -> Array:
     return out
 
 
-def _histogram(found: StoredMoments, values: Array) -> Picture:
-    overall, low, high = in_degrees(found), _degrees(found.low), _degrees(found.high)
+def _histogram(found: CharacteristicMoments, values: Array) -> Picture:
+    overall, low, high = moments_in_degrees(found), _degrees(found.low), _degrees(found.high)
     bins, ends = min(_BINS, max(5, round(math.sqrt(len(values))))), None
     if not overall.varied:
         # One bar at the value between four empty ones, narrow beside the limits.
@@ -343,9 +351,9 @@ def track_index(chart: ControlChart, track: Track, index: int) -> int:
 
 def _signals(
     characteristic: Characteristic, chart: ControlChart, track: Track, series: ValueSeries
-) -> list[Row]:
-    at = times(series)
-    rows: list[Row] = []
+) -> list[TableRow]:
+    at = aware_times(series)
+    rows: list[TableRow] = []
     for signal in track.signals:
         last = track_index(chart, track, signal.index)
         rows.append(
@@ -364,7 +372,7 @@ def _index(name: str, index: CapabilityIndex | None) -> dict[str, float | None]:
     return {name: index.value, f"{name}_low": index.low, f"{name}_high": index.high}
 
 
-def _value(row: Row, name: str) -> float | None:
+def _value(row: TableRow, name: str) -> float | None:
     value = row[name]
     return None if value is None or isinstance(value, str) else float(value)
 

@@ -6,7 +6,7 @@ import pytest
 
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
 from alignment.calibration.equations import linearise
-from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView, cameras_of_rig
 from alignment.calibration.problem import MODELS, Priors, advanced, build_problem, initial_state
 from alignment.calibration.start import start_values
 from alignment.errors import DegenerateInputError
@@ -15,21 +15,14 @@ from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import MarkObservations, Plate
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import (
-    STAGES,
-    SimulatedViews,
-    ViewErrors,
-    cameras_of,
-    observe,
-    square_plate,
-)
+from station.studies.simulated_views import STAGES, SimulatedViews, ViewErrors, observe, square_plate
 
 EXACT = ViewErrors(pixel=0.0, mark_mm=0.0, flatness_mm=0.0, stage_mm=0.0)
 ONE: CameraKey = ("head_1", "left")
 
 
 def rig(seed: int = 1, spec: str = "standard") -> dict[CameraKey, PosedCamera]:
-    return cameras_of(build_rig(RIG_SPECS[spec], "front_left", "left", np.random.default_rng(seed)))
+    return cameras_of_rig(build_rig(RIG_SPECS[spec], "front_left", "left", np.random.default_rng(seed)))
 
 
 def simulated(seed: int = 1, errors: ViewErrors | None = None, **options: bool) -> SimulatedViews:

@@ -5,19 +5,18 @@ import numpy as np
 import pytest
 
 from alignment.calibration.check import check_with_plate
+from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import MarkObservations
+from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles
-from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, ViewErrors, observe, square_plate
 from tests.rendered import moved
-
-ARCMIN = np.pi / 10800.0
-
 
 EXACT = ViewErrors(0.001, 0.0, 0.0, 0.0)
 RNG = np.random.default_rng
@@ -45,7 +44,7 @@ def with_moved_camera(calibration: RigCalibration, turn: np.ndarray, move: np.nd
 def test_a_true_calibration_is_found_unchanged_from_two_views(corrected: bool) -> None:
     calibration = rig()
     views = observe(
-        cameras_of(calibration), square_plate(), STAGES[:2], np.random.default_rng(3), corrected=corrected
+        cameras_of_rig(calibration), square_plate(), STAGES[:2], np.random.default_rng(3), corrected=corrected
     )
     found = check_with_plate(views.data, calibration)
     assert abs(found.camber_change) < 0.15 * ARCMIN
@@ -59,7 +58,7 @@ def test_contours_of_large_marks_are_brought_back_to_their_centres() -> None:
     calibration = rig()
     plate = square_plate(half=8, pitch_mm=40.0, radius_mm=12.0)
     views = observe(
-        cameras_of(calibration), plate, STAGES[:2], np.random.default_rng(3), EXACT, corrected=False
+        cameras_of_rig(calibration), plate, STAGES[:2], np.random.default_rng(3), EXACT, corrected=False
     )
     assert check_with_plate(views.data, calibration).rms_px < 0.005
     taken_for_centres = [
@@ -72,7 +71,9 @@ def test_contours_of_large_marks_are_brought_back_to_their_centres() -> None:
 
 def test_shifted_images_are_told_by_how_far_along_each_axis() -> None:
     calibration = rig()
-    views = observe(cameras_of(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT)
+    views = observe(
+        cameras_of_rig(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT
+    )
     key = "head_2", "left"
     shifted = [
         replace(
@@ -96,7 +97,9 @@ def test_shifted_images_are_told_by_how_far_along_each_axis() -> None:
 def test_a_camera_that_saw_hardly_any_marks_is_named(marks: int) -> None:
     """Six coordinates of its pose from fewer than six marks would fit anything."""
     calibration = rig()
-    views = observe(cameras_of(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT)
+    views = observe(
+        cameras_of_rig(calibration), square_plate(half=8, pitch_mm=40.0), STAGES[:2], RNG(3), EXACT
+    )
     few = []
     for view, number in zip(views.data.views, (marks - 3, 3), strict=True):
         seen = dict(view.observations)
@@ -114,7 +117,9 @@ def test_a_stage_position_that_is_wrong_by_far_stays_in_the_residuals() -> None:
     """Were each step held but not their sum, the views would creep to where the marks fit."""
     calibration = rig()
     errors = ViewErrors(0.02, 0.0, 0.0, 0.0)
-    views = observe(cameras_of(calibration), square_plate(half=11, pitch_mm=30.0), STAGES[:2], RNG(4), errors)
+    views = observe(
+        cameras_of_rig(calibration), square_plate(half=11, pitch_mm=30.0), STAGES[:2], RNG(4), errors
+    )
     good, bad = views.data.views
     assert bad.stage_mm is not None
     bad = replace(bad, stage_mm=bad.stage_mm + np.array([0.3, 0.0, 0.0]))
@@ -128,7 +133,7 @@ def test_a_moved_camera_is_named_with_what_it_does_to_the_angles() -> None:
     calibration = rig()
     turn, move = np.array([2e-4, -3e-4, 1e-4]), np.array([0.05, 0.02, -0.03])
     views = observe(
-        cameras_of(with_moved_camera(calibration, turn, move)),
+        cameras_of_rig(with_moved_camera(calibration, turn, move)),
         square_plate(),
         STAGES[:3],
         np.random.default_rng(4),
@@ -153,7 +158,7 @@ def test_each_angle_changes_by_what_a_wheel_is_measured_otherwise(axis: int) -> 
     turn = RigidTransform.from_rotvec(3e-4 * np.eye(3)[axis], np.zeros(3))
     true = moved(calibration, turn)
     exact = ViewErrors(0.001, 0.0, 0.0, 0.0)
-    views = observe(cameras_of(true), square_plate(), STAGES[:3], np.random.default_rng(8), exact)
+    views = observe(cameras_of_rig(true), square_plate(), STAGES[:3], np.random.default_rng(8), exact)
     found = check_with_plate(views.data, calibration)
     seen = [
         (head.left.project(points), head.right.project(points))
@@ -172,7 +177,7 @@ def test_views_held_by_hand_find_the_moved_camera_but_not_a_common_turn() -> Non
     ]
     exact = ViewErrors(0.001, 0.0, 0.0, 0.0)
     moved = with_moved_camera(calibration, np.array([0.0, 3e-4, 0.0]), np.zeros(3))
-    views = observe(cameras_of(moved), square_plate(), poses, np.random.default_rng(5), exact)
+    views = observe(cameras_of_rig(moved), square_plate(), poses, np.random.default_rng(5), exact)
     found = check_with_plate(views.data, calibration)
     assert found.rms_px > 0.1
     assert found.rms_left_px < 0.005
@@ -191,7 +196,7 @@ def test_a_refocused_lens_stays_in_the_residuals() -> None:
         ),
     )
     views = observe(
-        cameras_of(refocused),
+        cameras_of_rig(refocused),
         square_plate(),
         STAGES[:3],
         np.random.default_rng(6),
@@ -203,7 +208,7 @@ def test_a_refocused_lens_stays_in_the_residuals() -> None:
 
 def test_a_session_of_another_rig_is_refused() -> None:
     calibration = rig()
-    views = observe(cameras_of(calibration), square_plate(), STAGES[:1], np.random.default_rng(7))
+    views = observe(cameras_of_rig(calibration), square_plate(), STAGES[:1], np.random.default_rng(7))
     other = replace(calibration, heads=calibration.heads[:2])
     with pytest.raises(DegenerateInputError, match="difference in head_3 left, head_3 right"):
         check_with_plate(views.data, other)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from alignment.calibration.correction import (
-    choose_model,
+    choose_correction,
     fit_correction,
     left_out_errors,
     standard_candidates,
@@ -54,10 +54,10 @@ def test_left_out_errors_are_those_of_fits_without_the_point() -> None:
     points = grid(5)[:, :2] / 50
     errors = rng.normal(size=len(points))
     for candidate in CANDIDATES:
-        whole = choose_model(points, errors + 1e3, [candidate])
+        whole = choose_correction(points, errors + 1e3, [candidate])
         if whole.name != candidate.name:
             continue
-        few = choose_model(points[1:], errors[1:] + 1e3, [candidate])
+        few = choose_correction(points[1:], errors[1:] + 1e3, [candidate])
         alone = errors[0] + 1e3 - few(points[:1])[0]
         assert whole.left_out[0] == pytest.approx(alone, rel=1e-5, abs=1e-7), candidate.name
 

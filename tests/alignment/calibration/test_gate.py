@@ -6,27 +6,27 @@ import pytest
 
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
 from alignment.calibration.gate import (
-    ARCMIN,
     CalibrationProblem,
+    GateJudgement,
     GateLimits,
-    Judgement,
-    judge,
+    judge_calibration,
     judge_failure,
     judge_input,
 )
-from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView, cameras_of_rig
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.imaging.plate import MarkObservations
+from alignment.units import ARCMIN
 from alignment.values import nominal_vehicle_from_rig
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 
 SETTINGS = AdjustmentSettings()
 
 
 def rig() -> dict[CameraKey, PosedCamera]:
-    return cameras_of(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
+    return cameras_of_rig(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
 
 
 def seen(
@@ -38,7 +38,7 @@ def seen(
 
 def judged(
     data: CalibrationInput, limits: GateLimits | None = None, settings: AdjustmentSettings = SETTINGS
-) -> Judgement:
+) -> GateJudgement:
     before = judge_input(data, limits)
     if not before:
         return before
@@ -47,7 +47,7 @@ def judged(
     except DegenerateInputError as error:
         return judge_failure(data, error, settings)
     calibration = adjustment.rig_calibration("id", "front_left", "left", nominal_vehicle_from_rig("left"))
-    return judge(adjustment, calibration, limits)
+    return judge_calibration(adjustment, calibration, limits)
 
 
 def changed(

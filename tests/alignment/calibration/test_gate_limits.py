@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import Adjustment
-from alignment.calibration.gate import CalibrationProblem, camera_figures, judge, judge_input
+from alignment.calibration.gate import CalibrationProblem, camera_figures, judge_calibration, judge_input
 from alignment.calibration.observations import CalibrationInput
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import MarkObservations
-from tests.assertions import ARCMIN
+from alignment.units import ARCMIN
 from tests.station.calibrations import adjusted
 
 CAMERA, NUMBER = ("head_2", "right"), 3
 
 
 def judged(changed: Adjustment) -> CalibrationProblem | None:
-    return judge(changed, adjusted()[1]).problem
+    return judge_calibration(changed, adjusted()[1]).problem
 
 
 def mine() -> np.ndarray:
@@ -75,7 +75,7 @@ def test_a_twentieth_of_the_marks_may_be_outliers() -> None:
         return replace(found, weights=weights)
 
     assert judged(spoilt(0.048)) is None
-    answer = judge(spoilt(0.053), adjusted()[1])
+    answer = judge_calibration(spoilt(0.053), adjusted()[1])
     assert answer.problem is CalibrationProblem.NOISY
     assert "head_2 right: 5 % of its marks do not fit, allowed are 5 %" in answer.reason
 
@@ -145,7 +145,7 @@ def test_either_angle_may_be_uncertain_by_six_hundredths_of_an_arcminute(angle: 
 
     def with_u95(arcmin: float) -> tuple[CalibrationProblem | None, tuple[float, float]]:
         covariance = np.outer(turn, turn) * (0.5 * arcmin * ARCMIN) ** 2
-        answer = judge(found, replace(calibration, covariance=covariance))
+        answer = judge_calibration(found, replace(calibration, covariance=covariance))
         assert answer.camber_u95 is not None
         assert answer.toe_u95 is not None
         return answer.problem, (answer.camber_u95 / ARCMIN, answer.toe_u95 / ARCMIN)
@@ -156,7 +156,7 @@ def test_either_angle_may_be_uncertain_by_six_hundredths_of_an_arcminute(angle: 
     assert u95[1 - angle] < 1e-3
     assert with_u95(0.0605)[0] is CalibrationProblem.UNCERTAIN
     # The figure in the verdict is that which is predicted, twice.
-    answer = judge(found, calibration)
+    answer = judge_calibration(found, calibration)
     assert (answer.camber_u95, answer.toe_u95) == pytest.approx(
         [2.0 * u for u in predict_angle_uncertainty(calibration)]
     )

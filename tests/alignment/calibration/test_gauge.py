@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.gate import ARCMIN
 from alignment.calibration.gauge import (
     CertifiedPlate,
     PlacedRig,
@@ -19,15 +18,16 @@ from alignment.calibration.gauge import (
     predicted_u95,
     transfer_u95,
 )
-from alignment.calibration.observations import CalibrationInput, PlateView
+from alignment.calibration.observations import CalibrationInput, PlateView, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles
-from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, ViewErrors, observe, square_plate
 
 PLACE = nominal_vehicle_from_rig("left").perturbed(
     np.array([4e-3, -6e-3, 3e-3]), np.array([1350.0, 800.0, 0.0])
@@ -58,7 +58,7 @@ def seen_plate(
 ) -> CalibrationInput:
     """What the true cameras see of the gauge plate that stands there in the vehicle."""
     pose = PLACE.inverse() @ plate
-    return observe(cameras_of(true_rig()), square_plate(), [pose], rng, errors, corrected=False).data
+    return observe(cameras_of_rig(true_rig()), square_plate(), [pose], rng, errors, corrected=False).data
 
 
 def placed(errors: ViewErrors | None = None) -> PlacedRig:
@@ -181,7 +181,7 @@ def test_angles_of_calibrated_and_placed_rigs_are_inside_their_prediction() -> N
     errors, predicted = [], []
     for k in range(14):
         rng = np.random.default_rng([11, k])
-        views = observe(cameras_of(true), square_plate(), STAGES[:5], rng).data
+        views = observe(cameras_of_rig(true), square_plate(), STAGES[:5], rng).data
         known = adjust(views).rig_calibration("plate", true.rig, true.side, nominal_vehicle_from_rig("left"))
         stands = CERTIFICATE.vehicle_from_plate.perturbed(
             rng.normal(0.0, CERTIFICATE.angle_sigma, 3), rng.normal(0.0, CERTIFICATE.position_sigma_mm, 3)

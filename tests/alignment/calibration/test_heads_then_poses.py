@@ -3,13 +3,14 @@ import pytest
 
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.heads_then_poses import heads_then_poses, rigid_fit
+from alignment.calibration.observations import cameras_of_rig
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.stereo.triangulation import triangulate
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import STAGES, ViewErrors, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, ViewErrors, observe, square_plate
 
-TRUE = cameras_of(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
+TRUE = cameras_of_rig(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
 
 
 def test_exact_views_give_the_true_rig() -> None:

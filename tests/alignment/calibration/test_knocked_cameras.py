@@ -8,8 +8,7 @@ import pytest
 
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.cross_pairs import CrossPairs, joined
-from alignment.calibration.gate import ARCMIN
-from alignment.calibration.observations import CameraKey
+from alignment.calibration.observations import CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty, wheel_points
 from alignment.calibration.refresh import (
     Movement,
@@ -22,12 +21,13 @@ from alignment.calibration.refresh import (
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.studies.covariance import measured_angles
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 from tests.once import once
 
 KNOCK = np.array([1.2e-3, -0.3e-3, 0.8e-3])
@@ -43,7 +43,7 @@ def true_rig() -> RigCalibration:
 def calibrated() -> RigCalibration:
     """The rig as a plate session found it."""
     true = true_rig()
-    views = observe(cameras_of(true), square_plate(), STAGES[:5], np.random.default_rng(2))
+    views = observe(cameras_of_rig(true), square_plate(), STAGES[:5], np.random.default_rng(2))
     return adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
 
 
@@ -100,7 +100,7 @@ def test_the_knocked_head_is_found_among_wrong_pairs(camera: CameraKey) -> None:
 def test_only_the_pose_of_that_camera_changes() -> None:
     camera: CameraKey = ("head_2", "left")
     found = estimate(seen(knocked(true_rig(), camera)), calibrated(), camera)
-    before, after = cameras_of(calibrated()), cameras_of(found.calibration)
+    before, after = cameras_of_rig(calibrated()), cameras_of_rig(found.calibration)
     for key, old in before.items():
         assert (after[key] is old) == (key != camera)
     np.testing.assert_array_equal(after[camera].model.parameters, before[camera].model.parameters)
@@ -131,8 +131,8 @@ def test_errors_of_the_estimate_are_inside_its_covariance() -> None:
     for _ in range(12):
         turn = rng.normal(0.0, 1e-3, 3)
         found = estimate(seen(knocked(true_rig(), camera, turn), shots=3), calibrated(), camera, movement)
-        true = cameras_of(knocked(true_rig(), camera, turn))[camera].rig_from_camera
-        error = (true.inverse() @ cameras_of(found.calibration)[camera].rig_from_camera).rotvec()
+        true = cameras_of_rig(knocked(true_rig(), camera, turn))[camera].rig_from_camera
+        error = (true.inverse() @ cameras_of_rig(found.calibration)[camera].rig_from_camera).rotvec()
         covariance = found.calibration.covariance
         assert covariance is not None
         first = found.calibration.parameter_names.index("head_1.right.rx")
@@ -217,7 +217,7 @@ def test_intact_rigs_calibrated_anew_raise_no_alarm_and_say_what_stays_unseen() 
     """Tyres that are not round were taken for a moved camera: ±0.16′ was written in place of ±0.010′."""
     true = true_rig()
     for seed in (21, 22):
-        views = observe(cameras_of(true), square_plate(), STAGES[:5], np.random.default_rng(seed))
+        views = observe(cameras_of_rig(true), square_plate(), STAGES[:5], np.random.default_rng(seed))
         known = adjust(views.data).rig_calibration("plate", true.rig, true.side, true.vehicle_from_rig)
         found = refresh(rendered(), known, MeasureSettings())
         assert found.moved is None

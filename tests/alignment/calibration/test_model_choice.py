@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from alignment.calibration.model_choice import choose_model
-from alignment.calibration.observations import CameraKey
+from alignment.calibration.observations import CameraKey, cameras_of_rig
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.simulated_views import STAGES, SimulatedViews, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, SimulatedViews, observe, square_plate
 
 
 def views_through(model: CameraModel, views: int = 7) -> SimulatedViews:
     """One head whose two cameras have this lens, seen through by an even plate."""
-    rig = cameras_of(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
+    rig = cameras_of_rig(build_rig(RIG_SPECS["standard"], "front_left", "left", np.random.default_rng(1)))
     cameras: dict[CameraKey, PosedCamera] = {
         key: replace(camera, model=model) for key, camera in rig.items() if key[0] == "head_1"
     }

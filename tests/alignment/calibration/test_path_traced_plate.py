@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import AdjustmentSettings, adjust
-from alignment.calibration.gate import judge
+from alignment.calibration.gate import judge_calibration
 from alignment.calibration.observations import CalibrationInput, PlateView
 from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import observe_plate
@@ -38,7 +38,7 @@ def observations(folder: Path) -> CalibrationInput:
 def calibration(observations: CalibrationInput, model: str) -> RigCalibration:
     result = adjust(observations, AdjustmentSettings(model))
     found = result.rig_calibration("plate", "path_traced", "left", nominal_vehicle_from_rig("left"))
-    judgement = judge(result, found)
+    judgement = judge_calibration(result, found)
     assert judgement, judgement.reason
     return found
 

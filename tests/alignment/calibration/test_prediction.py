@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
+from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.prediction import (
     NominalWheel,
     angle_covariance,
@@ -20,7 +21,7 @@ from alignment.values import HeadCalibration, RigCalibration, Side
 from alignment.vehicle.angles import camber_toe
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.covariance import measured_angles, repeat_calibrations
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 
 
 def rig(side: Side = "left") -> RigCalibration:
@@ -167,7 +168,7 @@ def test_the_covariance_of_a_calibration_is_that_of_its_errors_to_a_tenth() -> N
     true = rig()
     squares = []
     for k in range(8):
-        views = observe(cameras_of(true), square_plate(), STAGES[:4], np.random.default_rng([1, k]))
+        views = observe(cameras_of_rig(true), square_plate(), STAGES[:4], np.random.default_rng([1, k]))
         found = adjust(views.data).rig_calibration("id", true.rig, true.side, true.vehicle_from_rig)
         assert found.covariance is not None
         deviation = np.sqrt(np.diag(found.covariance))

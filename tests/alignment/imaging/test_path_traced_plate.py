@@ -9,7 +9,7 @@ import pytest
 
 from alignment.geometry.cameras import PosedCamera
 from alignment.imaging.mark_bias import camera_offsets, homography_offsets
-from alignment.imaging.mark_plane import fit_homography
+from alignment.imaging.mark_plane import fit_grid_homography
 from alignment.imaging.plate import Plate
 from alignment.imaging.plate_grid import PlateRefusal, PlateRefusalCode, observe_plate
 from tests import path_traced
@@ -101,7 +101,7 @@ def test_perspective_from_the_grid_agrees_with_the_true_cameras(session: Session
     points = session.plate.points[result.marks]
     stage = np.array(view["stage_mm"])
     true = camera_offsets(head.left, points + stage, np.array([0.0, 0.0, 1.0]), session.plate.mark_radius_mm)
-    homography = fit_homography(points[:, :2], result.pixels)
+    homography = fit_grid_homography(points[:, :2], result.pixels)
     seen = homography_offsets(homography, points[:, :2], session.plate.mark_radius_mm)
     assert np.abs(true).max() > 0.005
     # Lens distortion bends the circles by a little that a plane's homography does not know.

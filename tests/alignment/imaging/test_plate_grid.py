@@ -8,7 +8,7 @@ from alignment.errors import DegenerateInputError
 from alignment.imaging.mark_detection import find_marks
 from alignment.imaging.mark_grid import walk_grid
 from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.mark_plane import fit_homography, map_points
+from alignment.imaging.mark_plane import fit_grid_homography, map_points
 from alignment.imaging.marks import Marks
 from alignment.imaging.plate_grid import PlateRefusal, PlateRefusalCode, identify_marks, observe_plate
 from tests.alignment.imaging.plates import PITCH, RADIUS, photograph, plate, project, view
@@ -174,7 +174,7 @@ def test_the_grid_is_walked_without_ring_marks() -> None:
     grid = walk_grid(marks, PITCH / RADIUS)
     assert len(grid.rows) == len(marks) > 60
     assert len(np.unique(grid.places, axis=0)) == len(marks)
-    found = fit_homography(grid.places.astype(float), marks.points[grid.rows])
+    found = fit_grid_homography(grid.places.astype(float), marks.points[grid.rows])
     np.testing.assert_allclose(
         map_points(found, grid.places.astype(float)), marks.points[grid.rows], atol=0.2
     )

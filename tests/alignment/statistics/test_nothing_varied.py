@@ -11,7 +11,7 @@ from alignment.statistics.anova import one_way
 from alignment.statistics.budget import Component, budget
 from alignment.statistics.capability import LEAST_CPK, capability, judged, normality_p, quantile_performance
 from alignment.statistics.charts import Baseline, control_chart
-from alignment.statistics.choices import ChartKind, Contribution, GrrMethod, Judgement, RuleSet
+from alignment.statistics.choices import ChartKind, Conclusion, Contribution, GrrMethod, RuleSet
 from alignment.statistics.grr import GaugeData, grr
 from alignment.statistics.linearity import bias, linearity
 from alignment.statistics.moments import Moments, merged, moments
@@ -115,7 +115,7 @@ def test_process_that_stands_still_has_no_index_and_no_normality(value: float, n
     """`normality_p` was 0.0, from a spread of rounding."""
     found = capability(moments([value] * n), value - 1.0, value + 1.0, within_sigma=1e-17, within_df=n - 1)
     assert (found.cp, found.cpk, found.pp, found.ppk, found.expected_outside_ppm) == (None,) * 5
-    assert judged(found).judgement is Judgement.NONE
+    assert judged(found).judgement is Conclusion.NONE
     assert "equal" in judged(found).reason
     assert normality_p([value] * n) is None
     assert quantile_performance([value] * n, value - 1.0, value + 1.0) is None
@@ -133,7 +133,7 @@ def test_two_values_are_not_a_capable_process() -> None:
     assert found.cpk is not None
     assert found.cpk.value > LEAST_CPK
     assert found.cpk.low < 0.0
-    assert judged(found).judgement is Judgement.NONE
+    assert judged(found).judgement is Conclusion.NONE
     assert "2 values" in judged(found).reason
 
 
@@ -142,13 +142,14 @@ def test_a_handful_of_close_values_is_not_a_capable_process(n: int) -> None:
     """So close that even the lower limit is high: chance, or the display's step."""
     values = 0.1 + 1e-7 * np.arange(n)
     found = capability(moments(values), 0.0, 0.2, within_sigma=1e-7, within_df=n - 1)
-    assert judged(found).judgement is Judgement.NONE
+    assert judged(found).judgement is Conclusion.NONE
 
 
 @pytest.mark.parametrize(
-    ("low_of_cpk", "expected"), [(LEAST_CPK + 1e-3, Judgement.SHOWN), (LEAST_CPK - 1e-3, Judgement.NOT_SHOWN)]
+    ("low_of_cpk", "expected"),
+    [(LEAST_CPK + 1e-3, Conclusion.SHOWN), (LEAST_CPK - 1e-3, Conclusion.NOT_SHOWN)],
 )
-def test_capability_is_shown_by_the_lower_limit_alone(low_of_cpk: float, expected: Judgement) -> None:
+def test_capability_is_shown_by_the_lower_limit_alone(low_of_cpk: float, expected: Conclusion) -> None:
     """Just inside and just outside; the target is the plant's 1.33, not 1."""
     n, sigma = 60, 1.0
     # Bissell's lower limit as a function of the room to the only limit, turned round by bisection.
@@ -166,7 +167,7 @@ def test_capability_is_shown_by_the_lower_limit_alone(low_of_cpk: float, expecte
 def test_incapable_process_is_said_to_be_so() -> None:
     found = capability(Moments(200, 0.0, 199.0, -3.0, 3.0), -3.0, 3.0, within_sigma=1.0, within_df=150)
     answer = judged(found)
-    assert answer.judgement is Judgement.NOT_SHOWN
+    assert answer.judgement is Conclusion.NOT_SHOWN
     assert "below" in answer.reason
 
 
@@ -174,7 +175,7 @@ def test_spread_within_subgroups_that_is_none_is_no_verdict() -> None:
     """Values differ from hour to hour and never within one: the short-term spread was not seen."""
     found = capability(moments([0.1] * 20 + [0.12] * 20), 0.0, 0.2, within_sigma=0.0, within_df=38)
     assert found.cpk is None
-    assert judged(found).judgement is Judgement.NONE
+    assert judged(found).judgement is Conclusion.NONE
 
 
 def test_factor_of_a_dead_gauge_explains_nothing() -> None:

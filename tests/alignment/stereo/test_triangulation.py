@@ -5,7 +5,7 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.stereo.rectification import Rectification
-from alignment.stereo.triangulation import point_covariance, triangulate
+from alignment.stereo.triangulation import noise_covariance, triangulate
 
 MODEL = CameraModel(1280, 1024, 3000, 3005, 640, 512, "brown", (-0.08, 0.01, 1e-4, -1e-4, 0.0))
 FACING = np.diag([-1.0, 1.0, -1.0])
@@ -35,7 +35,7 @@ def test_covariance_predicts_the_scatter() -> None:
     left = LEFT.project(many) + sigma * rng.standard_normal((4000, 2))
     right = RIGHT.project(many) + sigma * rng.standard_normal((4000, 2))
     points, _ = triangulate(LEFT, RIGHT, left, right)
-    predicted = np.sqrt(np.diag(point_covariance(LEFT, RIGHT, point, sigma)[0]))
+    predicted = np.sqrt(np.diag(noise_covariance(LEFT, RIGHT, point, sigma)[0]))
     np.testing.assert_allclose(points.std(axis=0), predicted, rtol=0.06)
 
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment.errors import DegenerateInputError
+from alignment.units import ARCMIN
 from alignment.wheel.plane import fit_plane
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
-from tests.assertions import ARCMIN
 
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 SPREAD = 0.6  # mm²; lines of 0.8 mm

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
+from alignment.units import ARCMIN
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 from alignment.wheel.ridges import fit_ridges
-from tests.assertions import ARCMIN
 
 NORMAL = np.array([0.02, -0.03, 1.0]) / np.linalg.norm([0.02, -0.03, 1.0])
 

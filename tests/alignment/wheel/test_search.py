@@ -11,8 +11,8 @@ from alignment.arrays import Array
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import PlaneHypothesis
+from alignment.units import ARCMIN
 from alignment.wheel.search import find_surface
-from tests.assertions import ARCMIN
 
 SIGMA, GHOST = 0.02, 45.0
 AXES = np.tile(np.eye(3)[:, :2], (3, 1, 1))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment.measure_spin import measure_spin
+from alignment.units import ARCMIN
 from alignment.values import (
     MeasureSettings,
     Refusal,
@@ -24,7 +25,7 @@ from alignment.wheel.spin import SpinMeasurement, fit_spin_axis
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import RUN_OUT_RADIUS_MM, WheelPose, draw_scene, truth_of
-from tests.assertions import ARCMIN, assert_angle_within
+from tests.assertions import assert_angle_within
 from tests.strategies import sides, small_angles
 
 NOISE = 0.02 * ARCMIN

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from alignment.values import Side
 from alignment.vehicle.angles import camber_toe, normal_from_angles
 from alignment.wheel.zero import zero_correction
 from tests.alignment.wheel.test_spin import plane
-from tests.assertions import ARCMIN, assert_angle_within
+from tests.assertions import assert_angle_within
 from tests.strategies import sides, small_angles
 
 offsets = st.floats(-math.radians(1), math.radians(1))

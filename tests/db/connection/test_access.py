@@ -16,11 +16,11 @@ from db.queries import (
     Filter,
     Quantity,
     ResultReader,
+    characteristic_moments,
     checks,
     cycle_records,
     events,
     gauge_studies,
-    moments,
     reasons,
     since_last_good_check,
     value_series,
@@ -127,7 +127,7 @@ def test_a_report_user_reads_everything_and_writes_nothing(report_role: str) -> 
     with ResultReader(report_role) as reader:
         assert sum(row.total for row in yield_counts(reader)) == 20
         assert len(gauge_studies(reader)) == 1
-        assert moments(reader) != ()
+        assert characteristic_moments(reader) != ()
     for statement in (*WRITES, "TRUNCATE cycles", "SELECT setval('cycles_id_seq', 1)"):
         # Past the program, with a client of one's own.
         with (
@@ -170,14 +170,14 @@ def asked(reader: ResultReader, hostile: str) -> Iterator[Callable[[], object]]:
         yield lambda make=make: wheel_counts(reader, make())
         yield lambda make=make: reasons(reader, make())
         yield lambda make=make: [
-            m for m in moments(reader, make()) if m.characteristic.part in ("front_left",)
+            m for m in characteristic_moments(reader, make()) if m.characteristic.part in ("front_left",)
         ]
     for make in filters[1:]:
         yield lambda make=make: [found for found in since_last_good_check(reader, make()) if found.vehicles]
     yield lambda: checks(reader, Filter(stations=(hostile,)))
     yield lambda: vin_history(reader, hostile).cycles
     yield lambda: list(value_series(reader, Characteristic(hostile, Quantity.TOE)).vin)
-    yield lambda: moments(reader, characteristics=(Characteristic(hostile, Quantity.TOE),))
+    yield lambda: characteristic_moments(reader, characteristics=(Characteristic(hostile, Quantity.TOE),))
     yield lambda: events(reader, codes=(hostile,))
     yield lambda: events(reader, Filter(stations=(hostile,)))
     # What is looked for in the text is found in none but the text itself.

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from db.exports.rows import AngleRow, angle_rows
-from db.exports.tables import COLUMNS, write_csv, write_parquet
+from db.exports.tables import TABLE_COLUMNS, write_csv, write_parquet
 from db.records import StoredCycle
 
 
@@ -38,7 +38,7 @@ def test_csv_holds_the_same_values(tmp_path: Path, rows: list[AngleRow]) -> None
     assert write_csv(path, rows) == len(rows)
     with path.open(newline="", encoding="utf-8") as stream:
         found = list(csv.DictReader(stream))
-    assert list(found[0]) == list(COLUMNS)
+    assert list(found[0]) == list(TABLE_COLUMNS)
     for line, row in zip(found, rows, strict=True):
         assert (float(line["value_deg"]) if line["value_deg"] else None) == row.value_deg
         assert (line["vin"], line["vehicle_type"], line["station"]) == (row.vin, "Kompakt ü", "Straße 7")
@@ -49,10 +49,10 @@ def test_parquet_holds_the_same_values_with_types(tmp_path: Path, rows: list[Ang
     path = tmp_path / "r.parquet"
     assert write_parquet(path, rows) == len(rows)
     table = pq.read_table(path)
-    assert table.column_names == list(COLUMNS)
+    assert table.column_names == list(TABLE_COLUMNS)
     assert table.schema.field("received_utc").type == pa.timestamp("us", tz="UTC")
     assert table.schema.field("value_deg").type == pa.float64()
-    for name in COLUMNS:
+    for name in TABLE_COLUMNS:
         expected = [getattr(row, name) for row in rows]
         assert table.column(name).to_pylist() == expected
 
@@ -61,7 +61,7 @@ def test_nothing_to_export_leaves_an_empty_table(tmp_path: Path) -> None:
     assert write_parquet(tmp_path / "r.parquet", []) == 0
     assert pq.read_table(tmp_path / "r.parquet").num_rows == 0
     assert write_csv(tmp_path / "r.csv", []) == 0
-    assert (tmp_path / "r.csv").read_text().strip() == ",".join(COLUMNS)
+    assert (tmp_path / "r.csv").read_text().strip() == ",".join(TABLE_COLUMNS)
 
 
 def test_failed_export_leaves_the_old_file(tmp_path: Path, rows: list[AngleRow]) -> None:

@@ -13,10 +13,10 @@ from db.queries import (
     Filter,
     ResultReader,
     Shift,
+    characteristic_moments,
     checks,
     cycle_records,
     events,
-    moments,
     reasons,
     since_last_good_check,
     value_series,
@@ -80,7 +80,7 @@ def test_period_holds_its_beginning_and_not_its_end(periods: str, summed: bool) 
             assert [vehicle.vin for vehicle in found if vehicle] == wanted
             assert sum(counts.total for counts in yield_counts(reader, where)) == n
             assert sum(counts.ok for counts in wheel_counts(reader, where)) == n
-            assert sum(each.n for each in moments(reader, where, (TOE,))) == n
+            assert sum(each.n for each in characteristic_moments(reader, where, (TOE,))) == n
             assert [event.utc for event in events(reader, where)] == TIMES[first:last]
             assert [each.check.utc for each in checks(reader, where)] == TIMES[first:last]
             assert reasons(reader, where) == ()

@@ -22,8 +22,8 @@ from db.queries import (
     Quantity,
     ResultReader,
     Shift,
+    characteristic_moments,
     cycle_records,
-    moments,
     reasons,
     value_series,
     wheel_counts,
@@ -152,7 +152,7 @@ def test_wheels_are_counted_by_verdict(reader: ResultReader, name: str) -> None:
 @pytest.mark.parametrize("name", PERIODS)
 def test_moments_are_those_of_the_values(reader: ResultReader, name: str) -> None:
     where = PERIODS[name]
-    found = moments(reader, where, by=(GroupBy.STATION, GroupBy.DAY))
+    found = characteristic_moments(reader, where, by=(GroupBy.STATION, GroupBy.DAY))
     values: dict[object, list[tuple[float, str]]] = {}
     for record, wheel in wheels_of(where):
         if wheel.outcome is WheelOutcome.MEASURED:

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from alignment.calibration.gate import ARCMIN, CalibrationProblem, GateLimits
+from alignment.calibration.gate import CalibrationProblem, GateLimits
 from alignment.calibration.observations import CameraKey
+from alignment.units import ARCMIN
 from alignment.values import Image, RigCalibration
 from sensors.formats import PlateSession, SessionView
 from sensors.simulation.rigs import RIG_SPECS, build_rig

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from alignment.calibration.check import CameraChange, PlateCheck, check_with_plate
-from alignment.calibration.observations import CalibrationInput
+from alignment.calibration.observations import CalibrationInput, cameras_of_rig
 from alignment.errors import ConfigurationError
 from alignment.geometry.cameras import PosedCamera
+from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
     HeadQuality,
@@ -28,19 +29,13 @@ from db.records import CheckKind, CheckOutcome
 from db.store import ResultStore
 from sensors.formats import CalibrationFile, read_calibration_file, write_calibration
 from sensors.formats.plate_session import write_plate_session
-from station.calibration.check import (
-    CheckLimits,
-    MasterWheel,
-    accept_calibration,
-    judge_master,
-    judge_plate,
-)
+from station.calibration.check import CheckLimits, accept_calibration, judge_master, judge_plate
+from station.calibration.master import MasterWheel
 from station.cli import main
-from station.studies.simulated_views import STAGES, cameras_of, observe, square_plate
+from station.studies.simulated_views import STAGES, observe, square_plate
 from tests.station.calibrations import plate_session, true_rig
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
-ARCMIN = math.pi / 10800.0
 
 
 def run(*arguments: object) -> int:
@@ -230,7 +225,7 @@ def test_a_changed_lens_and_a_turned_camera_are_told_apart(cause: str) -> None:
             first.right, rig_from_camera=first.right.rig_from_camera.perturbed(turn, np.zeros(3))
         )
     seen = replace(true, heads=(replace(first, right=changed), *rest))
-    data = observe(cameras_of(seen), square_plate(), STAGES[:3], np.random.default_rng(6)).data
+    data = observe(cameras_of_rig(seen), square_plate(), STAGES[:3], np.random.default_rng(6)).data
     found = check_with_plate(data, true)
     outcome, reason = judge_plate(found, CheckLimits())
     assert outcome is CheckOutcome.OUT
@@ -259,7 +254,7 @@ def test_a_refused_master_wheel_is_out_of_tolerance() -> None:
 
 
 def simulated_views() -> CalibrationInput:
-    return observe(cameras_of(true_rig()), square_plate(), STAGES[:2], np.random.default_rng(5)).data
+    return observe(cameras_of_rig(true_rig()), square_plate(), STAGES[:2], np.random.default_rng(5)).data
 
 
 def test_an_accepted_calibration_is_kept_with_what_was_found_and_what_was_left(tmp_path: Path) -> None:

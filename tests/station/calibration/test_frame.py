@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
 from db.store import ResultStore
 from sensors.formats import (
     read_calibration,
@@ -25,7 +26,6 @@ from station.cli import main
 from tests.once import folder_once
 
 ROOT = Path(__file__).parents[3]
-ARCMIN = math.pi / 10800.0
 RIGS = ("front_left", "front_right")
 
 

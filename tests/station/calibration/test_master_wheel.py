@@ -17,12 +17,13 @@ from db.records import ZeroRecord
 from sensors.camera import Frame
 from sensors.formats import write_shot
 from sensors.shot import HeadFrames, WheelShot
-from station.calibration.zero import MasterWheel, measure_zero
+from station.calibration.master import MasterWheel
+from station.calibration.zero import measure_zero
 from station.cycle.zero import correction_of
 from tests import rendered
 
 SETTINGS = MeasureSettings()
-CERTIFIED = MasterWheel("M-17", rendered.CAMBER + 1e-4, rendered.TOE - 2e-4)
+CERTIFIED = MasterWheel(rendered.CAMBER + 1e-4, rendered.TOE - 2e-4, name="M-17")
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ import pytest
 
 import station.calibration.refresh
 from alignment.calibration.cross_pairs import CrossPairs
-from alignment.calibration.gate import ARCMIN
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.calibration.refresh import Moved, Movement, Refreshed, Sightings, refresh_from
 from alignment.geometry.cameras import PosedCamera
+from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages
 from sensors.formats import read_calibration_file, write_calibration
 from station.calibration.refresh import judge_refreshed

@@ -2,8 +2,8 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from alignment.calibration.gate import CalibrationProblem, Judgement, camera_figures, judge
-from station.calibration.report import write_report
+from alignment.calibration.gate import CalibrationProblem, GateJudgement, camera_figures, judge_calibration
+from station.calibration.report import write_calibration_report
 from tests.station.calibrations import adjusted
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
@@ -11,10 +11,10 @@ NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
 
 def test_report_is_one_file_that_names_every_camera_view_and_figure(tmp_path: Path) -> None:
     adjustment, calibration = adjusted()
-    path = write_report(
+    path = write_calibration_report(
         tmp_path / "new" / "report",
         adjustment,
-        judge(adjustment, calibration),
+        judge_calibration(adjustment, calibration),
         identity=calibration.id,
         rig="front_left",
         side="left",
@@ -42,10 +42,10 @@ def test_markup_in_what_somebody_typed_stays_text(tmp_path: Path) -> None:
     redundancy = {(nasty, "left"): 1.0}
     adjustment = replace(adjustment, data=replace(data, views=views), redundancy=redundancy)
     figures = tuple(replace(each, camera=(nasty, "left")) for each in camera_figures(adjustment))
-    path = write_report(
+    path = write_calibration_report(
         tmp_path,
         adjustment,
-        Judgement(CalibrationProblem.NOISY, nasty, figures),
+        GateJudgement(CalibrationProblem.NOISY, nasty, figures),
         identity=nasty,
         rig=nasty,
         side="left",
@@ -60,8 +60,8 @@ def test_markup_in_what_somebody_typed_stays_text(tmp_path: Path) -> None:
 
 def test_report_of_a_refused_calibration_says_why_and_escapes_names(tmp_path: Path) -> None:
     adjustment, _ = adjusted()
-    refused = Judgement(CalibrationProblem.NOISY, "marks <b>blurred</b>", camera_figures(adjustment))
-    path = write_report(
+    refused = GateJudgement(CalibrationProblem.NOISY, "marks <b>blurred</b>", camera_figures(adjustment))
+    path = write_calibration_report(
         tmp_path,
         adjustment,
         refused,

@@ -19,10 +19,12 @@ import sensors.formats
 import station.calibration.zero
 import station.commands.zero
 from alignment.errors import ConfigurationError, Deed, Remedy
+from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, WheelMeasurement
 from db.store import ResultStore
 from sensors.formats import write_calibration
-from station.calibration.zero import MasterWheel, measure_zero
+from station.calibration.master import MasterWheel
+from station.calibration.zero import measure_zero
 from station.cli import main
 from station.configuration.settings import StationConfig, read_configuration
 from tests.end_to_end.conftest import CONFIGS
@@ -31,7 +33,6 @@ from tests.station.calibrations import true_rig
 
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
 MEASURED = (math.radians(-0.8), math.radians(0.2))
-ARCMIN = math.radians(1.0 / 60.0)
 RIG = replace(true_rig(), id="cal-zero")
 
 
@@ -48,7 +49,7 @@ def master(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def measured(camber: float, toe: float, u: float = 0.0, **more: object) -> object:
-    wheel = MasterWheel("M-17", camber, toe, u)
+    wheel = MasterWheel(camber, toe, u, "M-17")
     return measure_zero([Path("shot")], RIG, MeasureSettings(), wheel, **more)  # type: ignore[arg-type]
 
 
@@ -97,7 +98,7 @@ def test_arcminutes_given_as_degrees_are_named() -> None:
             [Path("shot")],
             RIG,
             MeasureSettings(maximum_angle=math.radians(60.0)),
-            MasterWheel("M-17", math.radians(-48.0), math.radians(12.0)),
+            MasterWheel(math.radians(-48.0), math.radians(12.0), name="M-17"),
         )
 
 

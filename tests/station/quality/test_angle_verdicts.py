@@ -22,7 +22,7 @@ from db.queries import ResultReader
 from db.records import (
     AngleVerdict,
     CycleOutcome,
-    Side,
+    LimitSide,
     StoredCycle,
     VehicleRecord,
     Verdict,
@@ -122,19 +122,19 @@ def test_part_is_nok_exactly_when_one_of_its_angles_is(evaluation: Evaluation) -
             assert (row.reason_text is None) == (row.reason_code is None) == (row.verdict == "ok")
 
 
-@pytest.mark.parametrize("side", Side)
+@pytest.mark.parametrize("side", LimitSide)
 @pytest.mark.parametrize("guard_band", [True, False, None])
-def test_limits_are_met_or_missed_to_the_last_bit(side: Side, guard_band: bool | None) -> None:
+def test_limits_are_met_or_missed_to_the_last_bit(side: LimitSide, guard_band: bool | None) -> None:
     low, high, u, k = -0.01, 0.01, 1e-4, 3.0
     margin = k * u if guard_band else 0.0
-    edge, beyond = (low + margin, -math.inf) if side is Side.LOW else (high - margin, math.inf)
+    edge, beyond = (low + margin, -math.inf) if side is LimitSide.LOW else (high - margin, math.inf)
     options: dict[str, Any] = {"guard_band": guard_band, "coverage_factor": k, "part": Verdict.NOK}
     assert judge_angle(edge, u, low, high, **options) == (AngleVerdict.OK, None)
     assert judge_angle(math.nextafter(edge, beyond), u, low, high, **options) == (AngleVerdict.NOK, side)
     # With the other limit alone it is inside.
-    only = (None, high) if side is Side.LOW else (low, None)
+    only = (None, high) if side is LimitSide.LOW else (low, None)
     assert judge_angle(math.nextafter(edge, beyond), u, *only, **options) == (AngleVerdict.OK, None)
-    assert missed_limit(math.nan, low, high, 0.0) is Side.LOW
+    assert missed_limit(math.nan, low, high, 0.0) is LimitSide.LOW
 
 
 @pytest.mark.parametrize(

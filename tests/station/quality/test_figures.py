@@ -15,7 +15,7 @@ import pytest
 from pypdf import PdfReader
 from scipy import stats
 
-from alignment.statistics.choices import GrrMethod, Judgement
+from alignment.statistics.choices import Conclusion, GrrMethod
 from db.queries import Characteristic, Filter, ResultReader, value_series
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
 from station.quality.csv_table import read_table
@@ -109,9 +109,9 @@ def rows_of(values: list[float], part: str = "1") -> list[GaugeRow]:
     return [GaugeRow(part, "", number, Decimal(repr(value))) for number, value in enumerate(values, start=1)]
 
 
-@pytest.mark.parametrize(("index", "shown"), [(1.331, Judgement.SHOWN), (1.329, Judgement.NOT_SHOWN)])
+@pytest.mark.parametrize(("index", "shown"), [(1.331, Conclusion.SHOWN), (1.329, Conclusion.NOT_SHOWN)])
 @pytest.mark.parametrize("which", ["cg", "cgk"])
-def test_gauge_is_capable_from_one_and_a_third_on(which: str, index: float, shown: Judgement) -> None:
+def test_gauge_is_capable_from_one_and_a_third_on(which: str, index: float, shown: Conclusion) -> None:
     """Not from 1 on. For Cgk the spread is half as wide, and a bias takes the rest."""
     scale = 0.2 / (6 * index) * (1.0 if which == "cg" else 0.5)
     away = 0.0 if which == "cg" else 0.1 - 3 * scale * index
@@ -120,7 +120,7 @@ def test_gauge_is_capable_from_one_and_a_third_on(which: str, index: float, show
     report = analyse_type1(rows_of(values.tolist()), 0.0, 1.0)
     assert report.result.figures[which] == pytest.approx(index)
     assert report.judgement is shown
-    assert ("NOT capable" in report.assessment) == (shown is Judgement.NOT_SHOWN)
+    assert ("NOT capable" in report.assessment) == (shown is Conclusion.NOT_SHOWN)
 
 
 def gauge(percent: float) -> list[GaugeRow]:
@@ -140,13 +140,13 @@ def gauge(percent: float) -> list[GaugeRow]:
 @pytest.mark.parametrize(
     ("percent", "said", "shown"),
     [
-        (9.9, ": acceptable", Judgement.SHOWN),
-        (10.1, ": conditionally acceptable", Judgement.SHOWN),
-        (29.9, ": conditionally acceptable", Judgement.SHOWN),
-        (30.1, ": NOT acceptable", Judgement.NOT_SHOWN),
+        (9.9, ": acceptable", Conclusion.SHOWN),
+        (10.1, ": conditionally acceptable", Conclusion.SHOWN),
+        (29.9, ": conditionally acceptable", Conclusion.SHOWN),
+        (30.1, ": NOT acceptable", Conclusion.NOT_SHOWN),
     ],
 )
-def test_gauge_is_judged_at_ten_and_thirty_percent(percent: float, said: str, shown: Judgement) -> None:
+def test_gauge_is_judged_at_ten_and_thirty_percent(percent: float, said: str, shown: Conclusion) -> None:
     report = analyse_grr(gauge(percent), GrrMethod.ANOVA)
     assert report.result.figures["grr_percent_study_variation"] == pytest.approx(percent, rel=1e-6)
     assert said in report.assessment
@@ -156,11 +156,11 @@ def test_gauge_is_judged_at_ten_and_thirty_percent(percent: float, said: str, sh
 @pytest.mark.parametrize(
     ("share", "said", "shown"),
     [
-        (0.299, ": conditionally acceptable", Judgement.SHOWN),
-        (0.301, ": NOT acceptable", Judgement.NOT_SHOWN),
+        (0.299, ": conditionally acceptable", Conclusion.SHOWN),
+        (0.301, ": NOT acceptable", Conclusion.NOT_SHOWN),
     ],
 )
-def test_share_of_the_tolerance_may_be_the_worse_of_both(share: float, said: str, shown: Judgement) -> None:
+def test_share_of_the_tolerance_may_be_the_worse_of_both(share: float, said: str, shown: Conclusion) -> None:
     rows = gauge(9.9)
     own = analyse_grr(rows, GrrMethod.ANOVA).result.figures["grr"]
     report = analyse_grr(rows, GrrMethod.ANOVA, tolerance=6 * own / share)
@@ -216,7 +216,7 @@ def test_certificate_of_a_dead_gauge_has_no_verdict(tmp_path: Path) -> None:
     stored = StoredGaugeStudy(record, values, values, record.created_utc)
     report = write_study_certificate(tmp_path / "s.pdf", stored, created=datetime(2026, 11, 22, tzinfo=UTC))
     said = " ".join(PdfReader(tmp_path / "s.pdf").pages[0].extract_text().split())
-    assert report.judgement is Judgement.NONE
+    assert report.judgement is Conclusion.NONE
     assert "signals location – ≤ 0 no verdict" in said
     assert "All values are equal" in said
 

@@ -12,7 +12,7 @@ from station.cycle.words import ErrorCode, StationState
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.messages import HandshakeState, LineStatus
 from station.rehearsal.endurance import run_endurance
-from station.rehearsal.noise import KINDS, Noise, contradiction, run_noise
+from station.rehearsal.noise import NOISE_KINDS, Noise, contradiction, run_noise
 from station.rehearsal.power_loss import PowerLossBench, open_power_loss
 from station.rehearsal.prepared import prepared_angles_deg
 from tests.station.line.line_bench import DBC, command_frame
@@ -91,7 +91,7 @@ def test_every_kind_of_noise(database: LineDatabase) -> None:
         assert database.name_of(noise.make("foreign")) is None
     strange = [noise.make("strange") for _ in range(50)]
     assert {frame.is_remote_frame for frame in strange} == {frame.is_error_frame for frame in strange}
-    assert set(KINDS) == {"random", "flipped", "replayed", "length", "strange", "foreign"}
+    assert set(NOISE_KINDS) == {"random", "flipped", "replayed", "length", "strange", "foreign"}
 
 
 def status(ready: bool, busy: bool, done: bool, fault: bool) -> LineStatus:

@@ -22,13 +22,13 @@ def silent(done: float, doing: str) -> None:
 def test_knocks_of_every_kind_are_told_and_intact_rigs_are_not() -> None:
     result = knocked.run(1, True, silent)
     assert result.figures["intact_rigs"] == knocked.QUICK_RIGS
-    assert result.figures["knocked_rigs"] == len(knocked.KINDS)
+    assert result.figures["knocked_rigs"] == len(knocked.KNOCK_KINDS)
     assert result.figures["false_alarm_share"] == 0.0
     assert result.figures["highest_intact_evidence"] < -2.0
     by_kind = {str(row["kind"]): row for row in result.rows if row["kind"]}
-    assert set(by_kind) == set(map(str, knocked.KINDS))
+    assert set(by_kind) == set(map(str, knocked.KNOCK_KINDS))
     # A camera alone is always seen; of a whole head what slides along the tyre is not.
-    for kind in knocked.KINDS:
+    for kind in knocked.KNOCK_KINDS:
         if not kind.whole_head and kind.turns:
             assert by_kind[str(kind)]["outcome"] != "measured"
     assert result.plots

@@ -14,7 +14,9 @@ from station.studies.rendered_marks import RenderedMark, tilted_shape
 
 
 def test_the_ellipse_reaches_the_bound_and_leaves_opencv_behind() -> None:
-    methods = {name: marks.METHODS[name] for name in ("ellipse", "opencv_circle_grid", "edge_ellipse/canny")}
+    methods = {
+        name: marks.MARK_METHODS[name] for name in ("ellipse", "opencv_circle_grid", "edge_ellipse/canny")
+    }
     rng = np.random.default_rng(1)
     images = [
         Conditions(rng.uniform(12, 25), rng.uniform(0, 30), blur=rng.uniform(0.7, 1.5)) for _ in range(10)

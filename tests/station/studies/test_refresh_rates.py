@@ -9,8 +9,9 @@ import pytest
 
 from alignment.calibration.refresh import Refreshed
 from alignment.errors import DegenerateInputError
-from station.studies.refresh import ARCMIN, angle_errors
-from station.studies.refresh_rates import KNOCKS, Knock, judged, knocked, scored
+from alignment.units import ARCMIN
+from station.studies.refresh import angle_errors
+from station.studies.refresh_rates import KNOCKS, DrawnKnock, judged_refresh, scored, with_drawn_knock
 from tests.station.calibrations import adjusted, true_rig
 
 
@@ -59,7 +60,7 @@ def test_a_knocked_head_keeps_its_cameras_to_one_another_and_a_knocked_camera_do
     true = true_rig()
     size = 5.0 if how == "turn" else 0.5
     for body, rigid in (("head", True), ("camera", False)):
-        now = knocked(true, Knock(body, how, "x", size), np.random.default_rng(2))
+        now = with_drawn_knock(true, DrawnKnock(body, how, "x", size), np.random.default_rng(2))
         (moved,) = [k for k in range(3) if now.heads[k] is not true.heads[k]]
         between = [
             rig.heads[moved].left.rig_from_camera.inverse() @ rig.heads[moved].right.rig_from_camera
@@ -75,17 +76,17 @@ def test_a_knocked_head_keeps_its_cameras_to_one_another_and_a_knocked_camera_do
             ]
             turns = [np.linalg.norm((a.inverse() @ b).rotvec()) for a, b in zip(*poses, strict=True)]
             assert max(turns) == pytest.approx(size * ARCMIN)
-    assert knocked(true, Knock(), np.random.default_rng(2)) is true
+    assert with_drawn_knock(true, DrawnKnock(), np.random.default_rng(2)) is true
 
 
 def test_a_miss_is_an_error_beyond_what_is_stated() -> None:
     _, calibration = adjusted()
-    now = knocked(calibration, Knock("camera", "turn", "y", 5.0), np.random.default_rng(2))
+    now = with_drawn_knock(calibration, DrawnKnock("camera", "turn", "y", 5.0), np.random.default_rng(2))
     error = float(np.abs(angle_errors(now, true_rig())).max())
 
     def said(unseen: float) -> Any:
         silent = Refreshed((), None, None, np.zeros(2), 0.0, 3, now, 0.5, unseen=np.array([0.0, unseen]))
-        return judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0), lambda *_: silent)
+        return judged_refresh((), now, true_rig(), DrawnKnock("camera", "turn", "y", 5.0), lambda *_: silent)
 
     assert error > ARCMIN
     assert (said(0.0)["missed"], said(0.0)["beyond_unseen"]) == (1, 1)
@@ -94,11 +95,11 @@ def test_a_miss_is_an_error_beyond_what_is_stated() -> None:
     def refuse(*_: object) -> Refreshed:
         raise DegenerateInputError(field="shots", expected="one", seen="two")
 
-    told = judged((), now, true_rig(), Knock("camera", "turn", "y", 5.0), refuse)
+    told = judged_refresh((), now, true_rig(), DrawnKnock("camera", "turn", "y", 5.0), refuse)
     assert (told["said"], told["missed"]) == ("plate", 0)
 
 
 def test_a_calibration_with_its_own_errors_is_no_miss() -> None:
     _, calibration = adjusted()
     silent = Refreshed((), None, None, np.zeros(2), 0.0, 3, calibration, 0.5, unseen=np.zeros(2))
-    assert judged((), calibration, true_rig(), Knock(), lambda *_: silent)["missed"] == 0
+    assert judged_refresh((), calibration, true_rig(), DrawnKnock(), lambda *_: silent)["missed"] == 0

@@ -20,7 +20,7 @@ from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Row
 from station.studies import degraded, efficiency, repeatability, wheel_grid
 from station.studies.coverage import drawn
-from station.studies.degraded import degraded_shot, row_of, summarise
+from station.studies.degraded import degraded_shot, summarise, table_row
 from station.studies.wheels import StudyRig, calibrate_from_plate, study_rig
 from tests.once import once
 
@@ -90,7 +90,7 @@ def test_cameras_are_drawn_with_the_covariance_that_is_stated(calibration: RigCa
 def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
     rng = np.random.default_rng(4)
     plain = draw_scene(rig.spec, rig.side, draw_pose(rng, 0.0, 0.0), rng)
-    for disturb, _ in degraded.KINDS.values():
+    for disturb, _ in degraded.DISTURBANCES.values():
         setting = disturb(rig, plain, rng)
         changed = setting.scene is not plain or setting.cameras is not rig.true or setting.swapped is not None
         assert changed
@@ -101,7 +101,7 @@ def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
 def test_what_cannot_be_right_is_refused_or_right(
     rig: StudyRig, calibration: RigCalibration, kind: str
 ) -> None:
-    row = row_of(0, degraded_shot(rig, 3, 0, kind), calibration)
+    row = table_row(0, degraded_shot(rig, 3, 0, kind), calibration)
     assert not row["accepted"]
     assert row["refusal"] in {code.value for code in RefusalCode}
 

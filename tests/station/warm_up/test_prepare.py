@@ -20,7 +20,7 @@ from alignment.errors import WarmUpError
 from station.warm_up import needs, prepare
 from station.warm_up.needs import Needed, Work, load, needed
 from station.warm_up.notation import read_all, spell_all
-from station.warm_up.prepare import Progress, StoppedError, warm_up
+from station.warm_up.prepare import StoppedError, WarmUpProgress, warm_up
 from station.warm_up.table import SIGNATURES
 from station.warm_up.workers import Compiled
 
@@ -194,7 +194,7 @@ def cold(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("cold")
 def test_every_step_is_reported_up_to_the_whole() -> None:
-    told: list[Progress] = []
+    told: list[WarmUpProgress] = []
     apart = Apart()
     done = warm_up([Work.MEASURE_8], told.append, loaded=False, apart=apart)
     assert [one.what for one in done.compiled] == apart.asked == list(needed([Work.MEASURE_8]))
@@ -217,7 +217,7 @@ def test_when_the_first_is_not_kept_the_others_are_compiled_here(monkeypatch: py
 def test_told_to_end_it_ends() -> None:
     stopping = threading.Event()
 
-    def report(progress: Progress) -> None:
+    def report(progress: WarmUpProgress) -> None:
         if progress.done == 2:
             stopping.set()
 

@@ -21,7 +21,7 @@ from station.cli import main
 from station.quality.gauge.analysis import analyse_grr
 from station.quality.gauge.plan import plan_from_text
 from station.quality.gauge.source import open_source, source_of
-from station.quality.gauge.store import all_studies, fill_study, load_study, plan_study
+from station.quality.gauge.store import all_studies, fill_study, load_gauge_study, plan_study
 from tests.db.example_records import CALIBRATION, cycle, refused_wheel, wheel
 
 VINS = ("GAUGEVEHICLE00001", "GAUGEVEHICLE00002", "GAUGEVEHICLE00003")
@@ -94,13 +94,13 @@ def test_live_cycles_fill_a_plan_and_a_refusal_is_driven_again(database: str) ->
     assert (second.added, second.missing) == (1, ())
     assert fill_study(database, "live").added == 0
 
-    source = source_of(load_study(database, StudyKind.GRR, "live"))
+    source = source_of(load_gauge_study(database, StudyKind.GRR, "live"))
     assert source.unit == "deg"
     assert source.number("tolerance", None) == pytest.approx(0.2)
     found = {(row.part, row.trial): float(row.value) for row in source.rows}
     assert found[VINS[1], 1] == pytest.approx(0.05)
     assert found[VINS[2], 2] == pytest.approx(0.151)
-    with_cycles = load_study(database, None, "live").values
+    with_cycles = load_gauge_study(database, None, "live").values
     assert all(value.cycle is not None and value.utc is not None for value in with_cycles)
 
 
@@ -111,7 +111,7 @@ def test_cycles_before_the_plan_are_not_its_and_runs_follow_the_clock(database: 
     for toe_deg, number in ((0.12, 20), (0.10, 0), (0.11, 10)):
         drive(database, VINS[0], toe_deg, number)
     assert fill_study(database, "clock").added == 3
-    rows = source_of(load_study(database, StudyKind.GRR, "clock")).rows
+    rows = source_of(load_gauge_study(database, StudyKind.GRR, "clock")).rows
     assert [(row.trial, round(float(row.value), 6)) for row in rows] == [(1, 0.1), (2, 0.11), (3, 0.12)]
 
 
@@ -171,9 +171,9 @@ def test_two_studies_of_one_name_are_refused(database: str) -> None:
 def test_study_that_is_not_there_or_of_another_kind_is_named(database: str) -> None:
     plan_study(database, StudyKind.GRR, "one", TOE, VINS)
     with pytest.raises(InputError, match="list of the studies"):
-        load_study(database, StudyKind.GRR, "two")
+        load_gauge_study(database, StudyKind.GRR, "two")
     with pytest.raises(InputError, match="of kind grr"):
-        load_study(database, StudyKind.TYPE1, "one")
+        load_gauge_study(database, StudyKind.TYPE1, "one")
 
 
 def test_incomplete_study_says_what_is_missing(database: str) -> None:
@@ -181,7 +181,7 @@ def test_incomplete_study_says_what_is_missing(database: str) -> None:
     for number, vin in enumerate((*VINS, *VINS[:2])):
         drive(database, vin, 0.1 + 0.01 * number, number)
     fill_study(database, "half")
-    source = source_of(load_study(database, None, "half"))
+    source = source_of(load_gauge_study(database, None, "half"))
     with pytest.raises(InputError, match=r"half.*2 values.*found 1"), source.named_in_errors():
         analyse_grr(source.rows, GrrMethod.RANGE)
 
