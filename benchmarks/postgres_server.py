@@ -26,7 +26,7 @@ class PostgresServer:
     _control: list[str | Path] = field(repr=False)
     _options: str = field(repr=False)
     _user: str | None = field(repr=False)
-    _folder: Path = field(repr=False)
+    folder: Path = field(repr=False)
 
     def url(self, database: str) -> str:
         """URL of one of its databases."""
@@ -63,7 +63,7 @@ class PostgresServer:
 
     def _run(self, *arguments: str) -> None:
         subprocess.run(
-            [*self._control, *arguments], user=self._user, cwd=self._folder, check=True, timeout=120,
+            [*self._control, *arguments], user=self._user, cwd=self.folder, check=True, timeout=120,
             stdout=subprocess.DEVNULL,
         )  # fmt: skip
 

@@ -58,6 +58,10 @@ class Coalesced(Generic[K]):
         self._last_pause_s = last_pause_s
         self._kinds: dict[K, _Repeated] = {}
 
+    def __len__(self) -> int:
+        """Kinds of messages that are remembered."""
+        return len(self._kinds)
+
     def say(self, kind: K, text: str) -> None:
         """Say a message, or count it."""
         self.flush_due()

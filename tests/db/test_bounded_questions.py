@@ -29,6 +29,8 @@ from tests.db.example_records import (
     station,
     zero,
 )
+from tests.db.pool import pool_of
+from tests.db.pool import pool_of
 
 MANY = 20_000
 # Steps of SQLite's machine, and rows that PostgreSQL reads: for a handful of rows, not for thousands.
@@ -94,8 +96,7 @@ class Work:
 
     def of(self, ask: Callable[[], object]) -> int:
         if self._url.startswith("sqlite"):
-            assert self._store._engine is not None
-            with self._store._engine.connect() as connection:
+            with pool_of(self._store).connect() as connection:
                 driver = connection.connection.driver_connection
                 assert isinstance(driver, sqlite3.Connection)
             # The same connection comes back from the pool.
@@ -107,8 +108,7 @@ class Work:
         before = self._rows()
         ask()
         # A server counts when a connection ends.
-        assert self._store._engine is not None
-        self._store._engine.dispose()
+        pool_of(self._store).dispose()
         return self._rows() - before
 
     def _count(self) -> None:
@@ -219,17 +219,16 @@ class Asked:
     """The questions that a database is asked meanwhile, and how many rows become records."""
 
     def __init__(self, store: ResultStore, monkeypatch: pytest.MonkeyPatch) -> None:
-        assert store._engine is not None
         self.statements: list[str] = []
         self.records = 0
-        listen(store._engine, "before_cursor_execute", self._note)
-        monkeypatch.setattr("db.rows.reading.record_of", self._counted)
+        listen(pool_of(store), "before_cursor_execute", self._note)
+        monkeypatch.setattr("db.rows.reading.record_of", self.counted)
 
     def _note(self, connection: object, cursor: object, statement: str, *_: object) -> None:
         if statement.startswith("SELECT"):
             self.statements.append(statement)
 
-    def _counted(self, *given: Any, **nested: Any) -> Any:
+    def counted(self, *given: Any, **nested: Any) -> Any:
         self.records += 1
         return record_of(*given, **nested)
 
@@ -266,7 +265,7 @@ def test_what_became_of_a_cycle_is_one_question_and_a_row_for_each_answer(
         said = EventRecord(NOON, "EOL-1", Severity.INFO, "s", code, "", cycle_uuid=last.uuid)
         store.record_event(said)
     asked = Asked(store, monkeypatch)
-    monkeypatch.setattr("db.store.record_of", asked._counted)
+    monkeypatch.setattr("db.store.record_of", asked.counted)
     found = unacknowledged(store, "EOL-1")
     assert found is not None
     assert found[1] is Standing.COMMITTED

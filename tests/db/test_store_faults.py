@@ -52,7 +52,7 @@ def test_readers_that_take_every_connection_do_not_hang_the_writer(
     store = open_store(sqlite_url, timeout_s=0.05)
     with ExitStack() as readers:
         for _ in range(15):
-            readers.enter_context(store._transaction())
+            readers.enter_context(store.reading())
         with pytest.raises(StoreUnavailableError, match=r"cannot be used.*timed out"):
             store.write_cycle(cycle())
 

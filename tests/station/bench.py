@@ -262,14 +262,15 @@ class Bench:
         self.found: dict[str, WheelMeasurement | Refusal] = {}
         self.raises: Exception | None = None
         positions = [self._position(rig) for rig in self.rigs.values()]
+        self.types = {
+            1: KIND,
+            MASTER.number: MASTER,
+            9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}}),
+        }
         self.cycle = MeasuringCycle(
             Identity("station_1", "1.0", "abc"),
             positions,
-            {
-                1: KIND,
-                MASTER.number: MASTER,
-                9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}}),
-            },
+            self.types,
             self.line,
             self.store,
             Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),
@@ -278,6 +279,25 @@ class Bench:
             now=lambda: self.today,
             image_folder=image_folder,
         )
+
+    def wheels_at_rest(self, timeout_s: float) -> bool:
+        """Wait until no wheel is measured any more; whether that came within the time."""
+        return self.cycle._wheel_threads.drain(timeout_s)
+
+    def end_thread_of(self, wheel: str) -> None:
+        """End the thread of a wheel, as a defect would."""
+        next(
+            worker for worker in self.cycle._wheel_threads.workers if worker.name == f"wheel {wheel}"
+        ).close()
+
+    def everything_stored(self) -> bool:
+        """Wait until nothing is on its way into the store; whether that came in time."""
+        return self.cycle._ledger.settle()
+
+    @property
+    def owes(self) -> bool:
+        """Whether the store is still to be given something."""
+        return bool(self.cycle._ledger.owes)
 
     def _position(self, rig: FakeRig) -> WheelPosition:
         calibration = replace(sample_calibration(rig=rig.name, covariance=False), id=f"cal-{rig.name}")

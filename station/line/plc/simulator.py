@@ -108,7 +108,7 @@ class PlcSimulator:
         self._bus = bus
         self._database = database
         self._clock = clock
-        self._timeouts = timeouts
+        self.timeouts = timeouts
         self._sequence = sequence
         self._link = ProtectedLink(bus, database, clock)
         self.view = StationView(self._link, clock)
@@ -160,7 +160,7 @@ class PlcSimulator:
         """Send the standing command once; withdraw it when the station is lost."""
         if self.paused:
             return
-        if self.view.lose_when_silent(self._timeouts.silence_s):
+        if self.view.lose_when_silent(self.timeouts.silence_s):
             with self._sending:
                 self._standing = _Standing()
         self._send_standing()
@@ -182,8 +182,8 @@ class PlcSimulator:
             return heard(status) and status.handshake is not HandshakeState.STARTING
 
         what = "a station that hears the controller"
-        self.view.wait(what, self._timeouts.connect_s, heard, patient=True)
-        return self.view.wait("a station that has started", self._timeouts.starting_s, started, patient=True)
+        self.view.wait(what, self.timeouts.connect_s, heard, patient=True)
+        return self.view.wait("a station that has started", self.timeouts.starting_s, started, patient=True)
 
     def start_up(self) -> PlcResult | None:
         """What a controller does first: take over results that wait, and reset a station that is not ready.
@@ -221,7 +221,7 @@ class PlcSimulator:
         self.command(CommandCode.RESET, sequence)
         ready = self.view.wait(
             f"ready after reset {sequence}",
-            self._timeouts.ready_s,
+            self.timeouts.ready_s,
             lambda status: status.ready and status.sequence == sequence,
             patient=True,
         )
@@ -247,18 +247,18 @@ class PlcSimulator:
         """Start one vehicle and wait for busy; number of the start and when it was sent. Raises as `run`."""
         checked_vin(order.vin)
         self._wheels(order)
-        self.view.wait("ready", self._timeouts.ready_s, lambda status: status.ready)
+        self.view.wait("ready", self.timeouts.ready_s, lambda status: status.ready)
         sequence = self.number()
         self.view.record()
         started_s = self._clock()
         self.give(CommandCode.START, order, sequence)
-        self._wait_in_cycle("busy", self._timeouts.busy_s, sequence, lambda s: s.busy or s.done)
+        self._wait_in_cycle("busy", self.timeouts.busy_s, sequence, lambda s: s.busy or s.done)
         self.withdraw(CommandCode.START, sequence)
         return sequence, started_s
 
     def finish(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
         """Wait for the results of a start that was begun, read and acknowledge them. Raises as `run`."""
-        self._wait_in_cycle("results", self._timeouts.done_s, sequence, lambda s: s.done)
+        self._wait_in_cycle("results", self.timeouts.done_s, sequence, lambda s: s.done)
         return self._take_over(order, sequence, started_s)
 
     def prepare(self, order: PlcOrder) -> None:
@@ -329,7 +329,7 @@ class PlcSimulator:
             found.append(answer)
             return answer.answer is Answer.ACCEPTED or answer.error_code not in _PASSING
 
-        self.view.wait(f"an answer to {code} {sequence}", self._timeouts.busy_s, answered)
+        self.view.wait(f"an answer to {code} {sequence}", self.timeouts.busy_s, answered)
         return found[-1]
 
     def _answered(self, code: CommandCode, sequence: int) -> None:
@@ -417,7 +417,7 @@ class PlcSimulator:
     def _take_over(self, order: PlcOrder | None, sequence: int, started_s: float) -> PlcResult:
         # Results are sent again while they are held, so one that was lost comes.
         self.view.wait_until(
-            self._timeouts.acknowledged_s,
+            self.timeouts.acknowledged_s,
             lambda: not missing_results(self._database, self.view.results, sequence),
         )
         vehicle, wheels, axles = read_results(self._database, self.view.results, sequence)
@@ -426,7 +426,7 @@ class PlcSimulator:
         self.acknowledge(sequence)
         self.view.wait(
             f"the end of ResultValid after acknowledge {sequence}",
-            self._timeouts.acknowledged_s,
+            self.timeouts.acknowledged_s,
             lambda status: not status.done,
         )
         acknowledged_s = self._clock()

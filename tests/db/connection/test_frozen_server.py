@@ -23,6 +23,7 @@ from db.store import ResultStore
 from db.upkeep.background import BackgroundWork
 from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
+from tests.db.pool import pool_of
 
 TIMEOUT_S = 0.5
 # Twice the timeout and two seconds, and a machine that has other things to do.
@@ -48,7 +49,7 @@ def url(server: PostgresServer) -> Iterator[str]:
 @contextmanager
 def frozen(server: PostgresServer) -> Iterator[None]:
     """Stop the server and all its processes, as a hypervisor or a debugger does."""
-    first = int((server._folder / "data" / "postmaster.pid").read_text().split()[0])
+    first = int((server.folder / "data" / "postmaster.pid").read_text().split()[0])
     children = subprocess.run(
         ["ps", "-o", "pid=", "--ppid", str(first)], capture_output=True, text=True, check=True
     )
@@ -231,7 +232,7 @@ def test_a_server_that_was_made_anew_or_restored_is_not_written_on(server: Postg
             store.record_calibration(CALIBRATION)
             store.write_cycle(cycle())
             # A backup of this moment; then one more cycle, which OK was told for.
-            store._engine.dispose()  # type: ignore[union-attr]
+            pool_of(store).dispose()
             server.execute(f"CREATE DATABASE {name}_old TEMPLATE {name}")
             store.write_cycle(cycle())
             for other in (f"{name}_old", None):

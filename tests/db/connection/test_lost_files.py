@@ -15,6 +15,7 @@ from db.sums import update_sums
 from db.upkeep.backup import backup
 from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
+from tests.db.pool import pool_of
 
 Lose = Callable[[Path], None]
 
@@ -155,13 +156,12 @@ def test_a_new_connection_does_not_take_the_file_that_stands_there_now(
     running: ResultStore, path: Path
 ) -> None:
     replace_by_an_empty_one(path)
-    assert running._engine is not None
     # As after an error that closed all connections.
-    running._engine.dispose()
+    pool_of(running).dispose()
     with pytest.raises(StoreUnavailableError, match="was replaced by another file"):
         running.write_cycle(cycle())
     delete_all(path)
-    running._engine.dispose()
+    pool_of(running).dispose()
     with pytest.raises(StoreUnavailableError):
         running.write_cycle(cycle())
     assert not path.exists()

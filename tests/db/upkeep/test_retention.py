@@ -78,7 +78,7 @@ def configuration(tmp_path: Path, sqlite_url: str) -> Path:
 
 
 def test_what_leaves_the_archive_is_told_before_it_goes(
-    store: ResultStore, configuration: Path, tmp_path: Path
+    store: ResultStore, sqlite_url: str, configuration: Path, tmp_path: Path
 ) -> None:
     images = tmp_path / "images"
     old = archived(store, images, 15, RetentionClass.ORDINARY)
@@ -98,7 +98,7 @@ def test_what_leaves_the_archive_is_told_before_it_goes(
     }  # fmt: skip
     assert "2 would go" in runner.invoke(app, asked).stdout
     assert old.exists()
-    with station_lock(store._url.render_as_string(), read_configuration(configuration).settings.station.id):
+    with station_lock(sqlite_url, read_configuration(configuration).settings.station.id):
         # A station that runs keeps its ring by itself.
         assert runner.invoke(app, [*asked, "--apply"]).exit_code != 0
     assert old.exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -298,13 +299,13 @@ def test_the_thread_ships_beside_the_cycles(
 ) -> None:
     records = [cycle() for _ in range(5)]
     shipper = Shipper(local_url, central_url, "EOL-1")
-    with BackgroundWork(station_store, local_url, "EOL-1", shipper, period_s=0.01) as work:
+    with BackgroundWork(station_store, local_url, "EOL-1", shipper, period_s=0.01):
         for record in records:
             station_store.write_cycle(record)
         deadline = 500
         while shipper.pending() and deadline:
             deadline -= 1
-            work._stopping.wait(0.02)
+            threading.Event().wait(0.02)
     assert shipped_order(central_url) == [record.uuid.hex for record in records]
 
 

@@ -99,7 +99,7 @@ def test_nothing_is_lost_and_memory_is_bounded(messages: list[tuple[int, float]]
     coalesced = Coalesced[int](say, clock)
     for kind, pause_s in messages:
         coalesced.say(kind, f"message of {kind}")
-        assert len(coalesced._kinds) <= MOST_KINDS == 64
+        assert len(coalesced) <= MOST_KINDS == 64
         clock.now += pause_s
     coalesced.flush()
     assert counted == len(messages)

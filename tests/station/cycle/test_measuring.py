@@ -170,7 +170,7 @@ def test_wheel_that_takes_too_long_ends_in_fault_until_it_is_done() -> None:
         assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
         assert [name for name in bench.log if name.startswith("connected")] == []
         gate.set()
-        assert bench.cycle._wheel_threads.drain(10.0)
+        assert bench.wheels_at_rest(10.0)
         bench.line.queue.append(Reset(3))
         bench.cycle.step(0.1)
         assert bench.cycle.state is StationState.IDLE

@@ -181,7 +181,7 @@ def test_limits_of_an_ordinary_vehicle_check_no_calibration(bench: Bench) -> Non
 def test_a_slip_in_a_master_s_limits_is_named(bench: Bench) -> None:
     angles = {"camber": math.radians(-0.8), "toe": math.radians(0.2)}
     certified = {name: {"nominal_deg": degrees, "tolerance_deg": 0.05} for name, degrees in SIGN.items()}
-    bench.cycle._vehicle_types[MASTER.number] = MASTER.model_validate(
+    bench.types[MASTER.number] = MASTER.model_validate(
         MASTER.model_dump(exclude_none=True) | {"axles": {"front": certified, "rear": certified}}
     )
     bench.found["front_left"] = measurement(**angles)

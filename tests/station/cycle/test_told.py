@@ -63,7 +63,7 @@ def is_offer(record: Any) -> bool:
 
 def ends_well(bench: Bench, delay: Delay) -> None:
     delay.gate.set()
-    assert bench.cycle._ledger.settle()
+    assert bench.everything_stored()
 
 
 def last_word(bench: Bench) -> CycleOutcome:
@@ -180,7 +180,7 @@ def test_database_that_comes_back_is_given_what_it_is_owed_without_a_reset(bench
     bench.store.error = store_error()
     bench.trigger()
     bench.store.error = None
-    while bench.cycle._ledger.owes:
+    while bench.owes:
         bench.cycle.step(1.0)
     assert last_word(bench) is CycleOutcome.FAULT
     assert "acknowledged" in bench.store.event_codes
@@ -216,7 +216,7 @@ def test_master_is_no_good_check_before_its_cycle_is_stored(bench: Bench) -> Non
     bench.trigger(vehicle_type=MASTER.number, mode=Mode.MASTER_CHECK)
     assert bench.store.checks == []
     bench.store.hold.gate.set()
-    assert bench.cycle._ledger.settle()
+    assert bench.everything_stored()
     assert bench.store.checks == []
 
 

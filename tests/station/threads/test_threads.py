@@ -243,14 +243,14 @@ def test_cameras_that_do_not_take_their_settings_in_time_are_a_fault_and_left_al
         bench.cycle.step(0.1)
         assert bench.line.status.error_code is ErrorCode.CYCLE_TIMEOUT
         gate.set()
-        assert bench.cycle._wheel_threads.drain(GATE_S)
+        assert bench.wheels_at_rest(GATE_S)
         bench.line.queue.append(Reset(3))
         bench.cycle.step(0.1)
         assert bench.cycle.state is StationState.IDLE
 
 
 def test_thread_that_has_ended_refuses_its_wheel_with_the_cause(bench: Bench) -> None:
-    next(w for w in bench.cycle._wheel_threads.workers if w.name == "wheel rear_left").close()
+    bench.end_thread_of("rear_left")
     report = bench.trigger()
     assert report is not None
     assert "the thread 'wheel rear_left' has ended" in (report.record.reason_text or "")
@@ -297,7 +297,7 @@ def test_measurement_that_comes_after_its_start_was_given_up_is_nobodys() -> Non
         bench.trigger()
         bench.line.on_poll = lambda: None
         gate.set()
-        assert bench.cycle._wheel_threads.drain(GATE_S)
+        assert bench.wheels_at_rest(GATE_S)
         bench.line.queue.append(Reset(2))
         bench.cycle.step(0.1)
         for name in WHEELS:
@@ -320,7 +320,7 @@ def test_images_that_come_after_a_calibration_start_was_told_a_fault_are_not_kep
         bench.cycle.step(0.1)
         assert bench.cycle.state is StationState.FAULT
         gate.set()
-        assert bench.cycle._wheel_threads.drain(GATE_S)
+        assert bench.wheels_at_rest(GATE_S)
         (folder,) = (tmp_path / "images").iterdir()
         assert sorted(path.name for path in folder.iterdir()) == sorted(set(WHEELS) - {"rear_right"})
         bench.line.queue.append(Reset(3))

@@ -274,7 +274,7 @@ def test_lost_result_is_not_overlooked(
             send(frame)
 
     station_bus.send = losing  # type: ignore[method-assign]
-    plc._timeouts = replace(PATIENT, acknowledged_s=0.3)
+    plc.timeouts = replace(PATIENT, acknowledged_s=0.3)
     plc.reset()
     with pytest.raises(LineError, match="missing: WheelResultRearLeft"):
         plc.run(PlcOrder(VIN))

@@ -66,7 +66,7 @@ def test_a_station_that_errs_is_found_out(
     monkeypatch.setitem(COMMANDS[HandshakeState[state]], Request[request_], rule)
     found = point_named(point)
     assert found is not None
-    trial.plc._timeouts = PlcTimeouts(connect_s=5, ready_s=2, busy_s=1, done_s=3, acknowledged_s=1)
+    trial.plc.timeouts = PlcTimeouts(connect_s=5, ready_s=2, busy_s=1, done_s=3, acknowledged_s=1)
     verdict = try_point(found, trial)
     assert not verdict.passed
     assert verdict.failure
