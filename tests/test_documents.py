@@ -25,7 +25,7 @@ from db.records import EventRecord, Severity
 from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
 from station.cli import app, main
-from station.configuration.settings import StationConfig, read_station
+from station.configuration.settings import StationConfig, read_configuration, read_station
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import folder_of_month
 
@@ -81,6 +81,8 @@ RUN_ELSEWHERE = {
     ("docs/line-interface.md", "iecst"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/tools/test_page_plc.py"),
     ("docs/database.md", "sql"): (2, "tests/db/connection/test_access.py"),
+    ("docs/how-to/commission-a-station.md", "sh"): (10, "tests/end_to_end/test_commissioning.py"),
+    ("docs/how-to/commission-a-station.md", "toml"): (2, "tests/end_to_end/test_commissioning.py"),
     ("docs/how-to/add-a-calibration-method.md", "python"): (
         3,
         "tests/alignment/calibration/test_method_page.py",
@@ -105,14 +107,22 @@ def shell_is_understood(fence: Fence, folder: Path) -> None:
         match words:
             case ["make", target]:
                 assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
-            case [".venv/bin/truewheel" | "truewheel", *arguments]:
+            case [".venv/bin/truewheel" | "truewheel" | "/opt/truewheel/bin/truewheel", *arguments]:
                 understood(arguments)
-            case ["systemctl" | "journalctl", *_] | [
-                "python3" | "/opt/truewheel/bin/python",
-                "-m",
-                "pip" | "venv",
-                *_,
-            ]:
+            case ["useradd" | "chown" | "cp", *_]:
+                # As the unit itself says.
+                unit = (ROOT / "configs" / "truewheel.service").read_text(encoding="utf-8")
+                assert line in unit.replace("@HOME@", "/srv/truewheel"), line
+            case (
+                ["systemctl", *_, "truewheel"]
+                | ["journalctl", *_]
+                | [
+                    "python3" | "/opt/truewheel/bin/python",
+                    "-m",
+                    "pip" | "venv",
+                    *_,
+                ]
+            ):
                 pass  # The installation as Python has it.
             case [".venv/bin/python" | "python", "-m", module, *_]:
                 assert importlib.util.find_spec(module), line
@@ -127,6 +137,9 @@ def toml_is_read(fence: Fence, folder: Path) -> None:
     if "schema" in found:
         schema_is_kept(found)
         return
+    if "axles" in found:
+        vehicle_type_is_added(fence, folder)
+        return
     # A part of a station's configuration: the delivered one with this part instead must be read.
     text = (ROOT / "configs" / "station.toml").read_text(encoding="utf-8")
     for table in found:
@@ -134,6 +147,18 @@ def toml_is_read(fence: Fence, folder: Path) -> None:
         text = re.sub(rf"^\[{table}\]\n(?:(?!\[).*\n)*", "", text, flags=re.MULTILINE)
     (folder / "station.toml").write_text(f"{text}\n{fence.text}", encoding="utf-8")
     read_station(folder / "station.toml")
+
+
+def vehicle_type_is_added(fence: Fence, folder: Path) -> None:
+    """Beside those that are delivered, in a file of its own."""
+    shutil.copytree(ROOT / "configs", folder / "configs")
+    before = set(read_configuration(folder / "configs" / "station.toml").vehicle_types)
+    (folder / "configs" / "vehicles" / "added.toml").write_text(fence.text, encoding="utf-8")
+    after = read_configuration(folder / "configs" / "station.toml").vehicle_types
+    number = tomllib.loads(fence.text)["number"]
+    assert set(after) == before | {number}
+    # The command by which the page tries it out names it.
+    assert f"--vehicle-type {number}" in fence.document.read_text(encoding="utf-8")
 
 
 def json_is_read(fence: Fence, folder: Path) -> None:
@@ -221,6 +246,9 @@ def test_snippet_with_a_mistake_is_found(
 def test_every_link_of_the_documents_leads_somewhere() -> None:
     for document in DOCUMENTS:
         text = document.read_text(encoding="utf-8")
+        for fence in fences(document):
+            # Brackets of code are no links.
+            text = text.replace(fence.text, "")
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
 

@@ -118,6 +118,15 @@ def simulate_gauge_session_command(
     config: Annotated[
         Path | None, typer.Option(help="TOML with rig, optics and cameras.", show_default=False)
     ] = None,
+    askew: Annotated[
+        float,
+        typer.Option(
+            help="By which rigs are turned from their plan, one standard deviation, degrees; 0 as wheels are "
+            "rendered.",
+            min=0,
+            max=5,
+        ),
+    ] = 0.3,
     as_json: JsonFlag = False,
 ) -> None:
     """Render one view of a gauge frame by all rigs: for each a session, truth.json and calibration.json.
@@ -132,7 +141,7 @@ def simulate_gauge_session_command(
     require_new(out)
     compiled_for(("plate_images",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
-    rigs = simulate_gauge_session(read_simulation(config), gauge, seed)
+    rigs = simulate_gauge_session(read_simulation(config), gauge, seed, askew)
     write_gauge_session(out, rigs)
     images = sum(len(rig.session.views[0].images) for rig in rigs)
     names = [rig.session.rig for rig in rigs]

@@ -102,6 +102,10 @@ def check(
     unknown_type: Annotated[
         int, typer.Option(help="Number of one that it does not know.", min=0, max=65535)
     ] = 65_535,
+    wheel: Annotated[
+        list[str] | None,
+        typer.Option(help="Wheel that the station has; repeat it.", show_default="all"),
+    ] = None,
     patience_s: Annotated[
         float, typer.Option(help="Longest time that a measurement takes.", min=1, max=3600)
     ] = 60.0,
@@ -111,13 +115,22 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Try out on a station everything that the line interface demands; exit status 1 unless all is passed."""
+    from alignment.errors import ConfigurationError
     from station.line.tools.conformance import check_station
     from station.line.tools.trial import Vehicles
     from station.line.wire.vin import checked_vin
 
-    vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s)
+    wheels = tuple(wheel) if wheel else None
+    vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s, wheels)
     configuration = _read(config)
     database = _database(configuration)
+    unknown = set(wheels or ()) - set(database.wheels)
+    if unknown:
+        raise ConfigurationError(
+            field="--wheel",
+            expected=f"wheels of {', '.join(database.wheels)}",
+            seen=", ".join(sorted(unknown)),
+        )
     with (
         _reached(_bus(configuration, interface, channel), database, simulated) as settings,
         _trial(settings, database, vehicles) as trial,

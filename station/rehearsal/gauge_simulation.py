@@ -20,7 +20,9 @@ from sensors.simulation.simulated_rig import true_calibration
 from station.rehearsal.plate_simulation import write_simulated_session
 from station.rehearsal.simulation import SimulationConfig
 
-_TURN, _SHIFT_MM = math.radians(0.3), 2.0  # by which rigs stand off where they were planned
+ASKEW_DEG = 0.3
+"""By which rigs are turned from their plan, one standard deviation about each axis."""
+_SHIFT_MM = 2.0  # by which they stand off then
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ class SimulatedGaugeView:
 
 
 def simulate_gauge_session(
-    config: SimulationConfig, frame: GaugeFrame, seed: int
+    config: SimulationConfig, frame: GaugeFrame, seed: int, askew_deg: float = ASKEW_DEG
 ) -> tuple[SimulatedGaugeView, ...]:
     """Render one view of a gauge frame by every rig.
 
@@ -48,7 +50,11 @@ def simulate_gauge_session(
         As its certificate describes it; names the rigs.
     seed
         Of rigs, plates and noise. The cameras are those of `simulate_wheel` with the same seed.
+    askew_deg
+        By which rigs are turned from their plan about each axis, one standard deviation; they are shifted in
+        proportion. Wheels are rendered before rigs that stand as planned, 0.
     """
+    turn, shift_mm = math.radians(askew_deg), _SHIFT_MM * askew_deg / ASKEW_DEG
     out = []
     for number, (rig, gauge) in enumerate(frame.plates.items()):
         # Its own stream for each rig, another than wheels and plates of this seed draw from.
@@ -61,8 +67,8 @@ def simulate_gauge_session(
             rng.normal(0.0, frame.file.position_sigma_mm, 3),
         )
         rig_stands = nominal_vehicle_from_rig(side).perturbed(
-            rng.normal(0.0, _TURN, 3),
-            gauge.vehicle_from_plate.translation + rng.normal(0.0, _SHIFT_MM, 3),
+            rng.normal(0.0, turn, 3),
+            gauge.vehicle_from_plate.translation + rng.normal(0.0, shift_mm, 3),
         )
         spec = PlateSessionSpec(
             positions=(PlatePosition("gauge", rig_from_plate=rig_stands.inverse() @ plate_stands),),

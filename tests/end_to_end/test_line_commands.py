@@ -32,6 +32,7 @@ def test_plc_against_a_simulated_station(truewheel: Truewheel, tmp_path: Path) -
         (("plc", "--vin", "SHORT"), "17 characters"),
         (("plc",), "either VINs or a scenario file"),
         (("check", "--vin", "SHORT"), "17 characters"),
+        (("check", "--wheel", "front"), "wheels of front_left, front_right, rear_left, rear_right"),
         (("plc", "--vin", "WVWZZZ1KZAW123456", "--interface", "smoke"), "socketcan"),
         (("monitor", "--interface", "slcan", "--channel", "/dev/no_such_device"), "no_such_device"),
         (("plc", "--scenario", "absent.toml"), "absent.toml"),
