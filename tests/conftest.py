@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
 from tests import once
 
 settings.register_profile("truewheel", deadline=None, derandomize=True)
@@ -58,6 +59,17 @@ def no_leaked_threads() -> Iterator[None]:
     yield
     leaked = [t for t in threading.enumerate() if t not in before and t.is_alive() and not t.daemon]
     assert not leaked, f"threads left running: {[t.name for t in leaked]}"
+
+
+@pytest.fixture(scope="session", name="postgres_server")
+def running_postgres_server() -> Iterator[PostgresServer]:
+    """A server for all tests of a process; each makes databases of its own in it."""
+    programs = binaries()
+    if programs is None:
+        pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
+    # No test pulls the plug, so nothing needs to reach the disk: databases are made several times faster.
+    with postgres_server(temporary_folder(), programs, ["-F"]) as server:
+        yield server
 
 
 @pytest.fixture(scope="session")

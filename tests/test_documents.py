@@ -33,6 +33,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 FENCES = [fence for document in DOCUMENTS for fence in fences(document)]
 
 
+@pytest.mark.slow
 def test_the_readme_s_commands_and_python_work_in_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -53,6 +54,7 @@ def test_the_readme_s_commands_and_python_work_in_order(
     assert toe == pytest.approx(0.15 * 3.14159265 / 180, abs=3e-5)
 
 
+@pytest.mark.slow
 def test_the_readme_s_questions_are_answered_by_an_example_database(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

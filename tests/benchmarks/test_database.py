@@ -11,6 +11,7 @@ from benchmarks import database
 from benchmarks.database_plant import END, MINUTES_A_DAY, STATIONS, chunks, received
 
 
+@pytest.mark.slow
 def test_a_small_plant_answers_all_questions_and_takes_all_cycles(capsys: pytest.CaptureFixture[str]) -> None:
     status = database.main(
         ["--wheel-results", "8000", "--seconds", "2", "--times", "2", "--engine", "sqlite", "--json"]

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
+from benchmarks.postgres_server import PostgresServer
 from db.connection import migrate
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION
-
-
-@pytest.fixture(scope="session", name="postgres_server")
-def running_postgres_server() -> Iterator[PostgresServer]:
-    programs = binaries()
-    if programs is None:
-        pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
-    # No test pulls the plug, so nothing needs to reach the disk: databases are made several times faster.
-    with postgres_server(temporary_folder(), programs, ["-F"]) as server:
-        yield server
+from tests.once import folder_once
 
 
 @pytest.fixture(scope="session")
@@ -49,21 +41,31 @@ def sqlite_url(tmp_path: Path) -> str:
     return f"sqlite:///{tmp_path / 'results.db'}"
 
 
-def _of_kind(request: pytest.FixtureRequest, postgres: str) -> str:
-    url: str = request.getfixturevalue("sqlite_url" if request.param == "sqlite" else postgres)
+@folder_once
+def migrated(folder: Path) -> None:
+    """With the database `results.db`: all tables, and no row."""
+    migrate(f"sqlite:///{folder / 'results.db'}")
+
+
+@pytest.fixture
+def migrated_sqlite_url(tmp_path: Path) -> str:
+    """URL of a file with all tables; a copy is made ten times faster than its tables."""
+    shutil.copyfile(migrated() / "results.db", tmp_path / "results.db")
+    return f"sqlite:///{tmp_path / 'results.db'}"
+
+
+@pytest.fixture(params=["migrated_sqlite_url", "postgres_url"], ids=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest) -> str:
+    """URL of a database without a row, once for each kind."""
+    url: str = request.getfixturevalue(request.param)
     return url
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def database_url(request: pytest.FixtureRequest) -> str:
-    """URL of a database without a row, once for each kind; on SQLite whoever opens it makes the tables."""
-    return _of_kind(request, "postgres_url")
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite_url", "empty_postgres_url"], ids=["sqlite", "postgresql"])
 def empty_database_url(request: pytest.FixtureRequest) -> str:
     """URL of a database without a table, once for each kind."""
-    return _of_kind(request, "empty_postgres_url")
+    url: str = request.getfixturevalue(request.param)
+    return url
 
 
 @pytest.fixture

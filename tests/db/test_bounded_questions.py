@@ -30,7 +30,6 @@ from tests.db.example_records import (
     zero,
 )
 from tests.db.pool import pool_of
-from tests.db.pool import pool_of
 
 MANY = 20_000
 # Steps of SQLite's machine, and rows that PostgreSQL reads: for a handful of rows, not for thousands.
@@ -125,6 +124,7 @@ class Work:
         return int(row[0])
 
 
+@pytest.mark.slow
 def test_a_start_and_a_cycle_read_a_few_rows_of_a_large_database(
     database_url: str, open_store: Callable[..., ResultStore]
 ) -> None:

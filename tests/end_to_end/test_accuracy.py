@@ -23,6 +23,7 @@ from tests.assertions import assert_angle_within
 POSES = [(camber, toe) for camber in (-3.0, 0.0, 3.0) for toe in (-3.0, 0.0, 3.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("camber", "toe"), POSES)
 def test_nine_poses_with_noise_and_lettering_stay_below_three_hundredths_of_an_arcminute(
     camber: float, toe: float

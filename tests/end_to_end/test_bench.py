@@ -6,6 +6,7 @@ from station.cli import main
 from station.rehearsal import benchmark
 
 
+@pytest.mark.slow
 def test_bench_prints_its_figures_and_says_by_its_status_whether_goals_are_met(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

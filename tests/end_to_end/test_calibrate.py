@@ -12,6 +12,8 @@ from sensors.formats import read_calibration, read_image, write_image
 from sensors.formats.calibration_input import read_calibration_input
 from tests.end_to_end.conftest import Truewheel, simulated
 
+pytestmark = pytest.mark.slow  # All need a rendered session.
+
 KEYS = {
     "outcome",
     "reason",

@@ -187,6 +187,7 @@ def test_told_to_end_while_it_compiles_a_station_ends_in_order(
         ended()
 
 
+@pytest.mark.slow
 def test_a_signal_while_everything_is_compiled_ends_the_station_and_its_processes(
     replay: Path, tmp_path: Path
 ) -> None:
@@ -249,6 +250,7 @@ print(json.dumps({"compiled": listener.seen, "unknown": unknown, "outcomes": out
 """
 
 
+@pytest.mark.slow
 def test_after_the_warm_up_a_measurement_compiles_nothing(wheel: Path, tmp_path: Path) -> None:
     """A function that the table does not know fails here: write it with tools/kernel_table.py."""
     deep, dark = tmp_path / "deep", tmp_path / "dark"

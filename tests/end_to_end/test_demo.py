@@ -6,6 +6,7 @@ from pathlib import Path
 from uuid import UUID
 
 import numpy as np
+import pytest
 
 from db.store import ResultStore
 from station.configuration.vehicle_types import read_vehicle_types
@@ -17,6 +18,7 @@ from tests.end_to_end.conftest import CONFIGS, Truewheel
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 
 
+@pytest.mark.slow
 def test_one_vehicle_from_trigger_to_committed_result(truewheel: Truewheel, tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'results.sqlite'}"
     ended = truewheel("demo", "--vehicles", 1, "--database", url, "--out", tmp_path / "out", "--json")

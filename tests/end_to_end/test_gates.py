@@ -36,6 +36,7 @@ def scene() -> WheelScene:
     return rendered.scene()
 
 
+@pytest.mark.slow
 def test_a_head_knocked_by_a_twentieth_of_a_degree_is_named_where_the_calibration_is_known_well(
     rig: RigCalibration, scene: WheelScene
 ) -> None:
@@ -52,6 +53,7 @@ def test_heads_that_stand_where_they_were_calibrated_pass(rig: RigCalibration) -
     assert isinstance(result, WheelMeasurement)
 
 
+@pytest.mark.slow
 def test_a_bright_obstacle_before_half_of_one_head_leaves_the_angles_right(
     rig: RigCalibration, scene: WheelScene
 ) -> None:

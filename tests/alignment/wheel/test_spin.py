@@ -309,6 +309,7 @@ def test_shots_of_different_wheels_are_refused() -> None:
     assert refused(fit_spin_axis(shots, "left")).code is RefusalCode.INCONSISTENT_SHOTS
 
 
+@pytest.mark.slow
 def test_eight_rendered_shots_give_the_axis_of_a_wheel_with_half_a_degree_of_run_out() -> None:
     rng = np.random.default_rng(11)
     calibration = build_rig(RIG_SPECS["ccir"], "rig", "right", rng)

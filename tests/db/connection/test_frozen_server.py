@@ -70,6 +70,7 @@ def within(seconds: float) -> Iterator[None]:
     assert time.monotonic() - started < seconds
 
 
+@pytest.mark.slow
 def test_a_frozen_server_is_given_up_and_used_again(server: PostgresServer, url: str) -> None:
     """Nothing came back, ever: the kernel acknowledged what nobody read."""
     with ResultStore(url, timeout_s=TIMEOUT_S) as store, ResultReader(url, timeout_s=TIMEOUT_S) as reader:

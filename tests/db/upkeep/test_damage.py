@@ -38,6 +38,7 @@ from tests.db.example_records import (
     zero,
 )
 from tests.db.rows.test_chain import EVENT
+from tests.once import folder_once
 
 VIN = "TRUEWHEEL00000003"
 # What a cell may hold after a mistake, a tool or a bad disk: SQL expressions.
@@ -58,11 +59,10 @@ WRONG = (
 )
 
 
-@pytest.fixture(scope="session")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small database with a record of each kind, half of it in the sums."""
-    path = tmp_path_factory.mktemp("damage") / "results.db"
-    url = f"sqlite:///{path}"
+@folder_once
+def folder_of_sound(folder: Path) -> None:
+    """With the database `results.db`."""
+    url = f"sqlite:///{folder / 'results.db'}"
     with ResultStore(url, create=True) as store:
         store.record_calibration(CALIBRATION)
         store.describe_station(station(), (limits(),), (installation(),))
@@ -83,7 +83,12 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     engine = make_engine(parse_url(url), timeout_s=5.0)
     update_sums(engine, most=12)
     engine.dispose()
-    return path
+
+
+@pytest.fixture(scope="session")
+def sound() -> Path:
+    """A small database with a record of each kind, half of it in the sums."""
+    return folder_of_sound() / "results.db"
 
 
 @pytest.fixture
@@ -180,6 +185,7 @@ def test_text_in_place_of_an_uncertainty_is_damage_to_a_report_too(damaged: Path
     assert unclear(damaged, tmp_path) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_wrong_values_in_cells_end_in_one_clear_error(sound: Path, tmp_path: Path, seed: int) -> None:
     """Tracebacks came of them: UnicodeDecodeError, TypeError, ValueError, from `db check` too."""
@@ -193,6 +199,7 @@ def test_wrong_values_in_cells_end_in_one_clear_error(sound: Path, tmp_path: Pat
         assert unclear(path, out) == [], f"{table}.{column} = {value}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_flipped_bytes_end_in_one_clear_error(sound: Path, tmp_path: Path, seed: int) -> None:
     chance = random.Random(100 + seed)

@@ -56,6 +56,7 @@ def order(url: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_a_server_that_crashes_and_comes_back_while_cycles_go_on(
     own_server: PostgresServer, local_url: str, open_store: Callable[..., ResultStore]
 ) -> None:
@@ -94,6 +95,7 @@ def test_a_server_that_crashes_and_comes_back_while_cycles_go_on(
         assert [event.code for event in store.recent_events(9)] == ["central_back", "central_away"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["sqlite", "postgresql"])
 def test_programs_killed_and_power_lost_at_any_moment_lose_and_double_nothing(engine: str) -> None:
     """Long: ``python -m benchmarks.outages``. A program of its own, because it forks."""

@@ -53,6 +53,7 @@ def with_image(session: PlateSession, change: Callable[[Image], Image]) -> Plate
     )
 
 
+@pytest.mark.slow
 def test_a_session_is_accepted_and_told_while_it_runs(session: PlateSession, rig: RigCalibration) -> None:
     told: list[tuple[float, str]] = []
     found = calibrate_session(

@@ -66,6 +66,7 @@ def known(session: Path, rigs: tuple[str, ...] = RIGS) -> list[object]:
     return [part for rig in rigs for part in ("--calibration", session / rig / "calibration.json")]
 
 
+@pytest.mark.slow
 def test_rigs_get_their_true_pose_in_the_vehicle(
     session: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

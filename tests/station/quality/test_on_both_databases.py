@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from benchmarks.postgres_server import PostgresServer
-from tests.db.conftest import running_postgres_server  # noqa: F401  (a fixture)
 from tests.station.quality.conftest import write_month
 
 Run = Callable[..., tuple[int, str, str]]
@@ -37,6 +36,7 @@ def sections(run: Run, database: str, *arguments: str) -> Any:
     return found["figures"], found["sections"]
 
 
+@pytest.mark.slow
 def test_reports_of_both_databases_agree(month: str, postgres_month: str, run: Run) -> None:
     for arguments in (
         ("all",),
@@ -57,6 +57,7 @@ def test_reports_of_both_databases_agree(month: str, postgres_month: str, run: R
                 assert other_row | numbers == row
 
 
+@pytest.mark.slow
 def test_commands_of_the_guide_work_as_written(
     month: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,6 +79,7 @@ def test_commands_of_the_guide_work_as_written(
     }
 
 
+@pytest.mark.slow
 def test_gauge_study_lives_on_the_server_too(
     postgres_server: PostgresServer, run: Run, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ from station.rehearsal.prepared import prepared_angles_deg
 from tests.station.line.line_bench import DBC, command_frame
 
 
+@pytest.mark.slow
 def test_cycles_between_two_processes_come_one_to_one(tmp_path: Path) -> None:
     done: list[int] = []
     found = run_endurance(tmp_path, DBC, 40, done.append)
@@ -36,6 +37,7 @@ def bench(tmp_path: Path) -> Iterator[PowerLossBench]:
         yield bench
 
 
+@pytest.mark.slow
 def test_station_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
     names = bench.station_steps()
     assert names.index("before write_cycle") < names.index("before send_results")
@@ -53,6 +55,7 @@ def test_station_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
         assert (found.ended, found.stored) == (ended, stored)
 
 
+@pytest.mark.slow
 def test_controller_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
     names = bench.controller_steps()
     for step in (names.index("after journal order"), names.index("before journal result")):

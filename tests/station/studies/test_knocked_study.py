@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
 from alignment.values import StereoImages
 from sensors.simulation.scene import WheelScene
@@ -19,6 +20,7 @@ def silent(done: float, doing: str) -> None:
     assert doing
 
 
+@pytest.mark.slow
 def test_knocks_of_every_kind_are_told_and_intact_rigs_are_not() -> None:
     result = knocked.run(1, True, silent)
     assert result.figures["intact_rigs"] == knocked.QUICK_RIGS

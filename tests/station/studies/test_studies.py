@@ -32,12 +32,14 @@ def test_lenz_tsai() -> None:
     assert lenz[0] < 1e-6
 
 
+@pytest.mark.slow
 def test_nonparallel_head() -> None:
     result = NONPARALLEL_HEAD.run(1, True, silent)
     assert_goals_met(result)
     assert result.figures["joint_z_largest_before_mm"] < result.figures["two-system_z_largest_before_mm"]
 
 
+@pytest.mark.slow
 def test_parallel_head() -> None:
     """One head; the arctangent edges, two seconds an image, are left to the study itself."""
     lines = [line for line in parallel_head.LINES if line.marks != "arctan_edges"]

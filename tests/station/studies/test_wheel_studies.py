@@ -45,6 +45,7 @@ def calibration() -> RigCalibration:
     return calibrated()
 
 
+@pytest.mark.slow
 def test_wheel_grid_of_three_poses_with_a_calibration_from_a_plate(
     rig: StudyRig, calibration: RigCalibration
 ) -> None:
@@ -60,6 +61,7 @@ def test_wheel_grid_of_three_poses_with_a_calibration_from_a_plate(
     assert "wheel-grid-ccir-touring" in result.plots
 
 
+@pytest.mark.slow
 def test_repeatability_of_two_shots() -> None:
     result = repeatability.run_repeats(2, 1, silent)
     assert result.figures["camber_standard_deviation_arcmin"] < 0.04
@@ -67,6 +69,7 @@ def test_repeatability_of_two_shots() -> None:
     assert len(result.rows) == 2
 
 
+@pytest.mark.slow
 def test_scatter_of_the_robust_fit_is_near_the_least_that_its_points_allow() -> None:
     result = efficiency.run(2, True, silent)
     assert all(goal.met(result.figures[goal.figure]) for goal in result.goals)
