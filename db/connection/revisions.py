@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from alembic import command
@@ -151,6 +152,8 @@ def _config() -> Config:
     return config
 
 
-def _revisions() -> list[str]:
-    # Oldest first.
-    return [script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()][::-1]
+@cache
+def _revisions() -> tuple[str, ...]:
+    # Oldest first. All scripts are loaded for it, which each opening of a store would do again.
+    scripts = ScriptDirectory.from_config(_config()).walk_revisions()
+    return tuple(script.revision for script in scripts)[::-1]

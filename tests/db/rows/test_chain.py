@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from uuid import uuid4
+from uuid import UUID, uuid4
 
 import psycopg
 import pytest
@@ -14,6 +15,7 @@ from sqlalchemy import text
 from typer.testing import CliRunner
 
 from alignment.errors import StoreError
+from benchmarks.postgres_server import PostgresServer
 from db.connection import make_engine, migrate, parse_url
 from db.records import ArchiveRemoval, EventRecord, Severity
 from db.rows import digest, link_hash, record_rows
@@ -37,9 +39,12 @@ from tests.db.example_records import (
     wheel,
     zero,
 )
+from tests.once import folder_once
 
-CYCLES = [cycle() for _ in range(4)]
-EVENT = EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "begonnen: 100 % „gut“", 3.5)
+CYCLES = [cycle(UUID(int=number)) for number in range(1, 5)]
+EVENT = EventRecord(
+    NOON, "EOL-1", Severity.INFO, "station", "start", "begonnen: 100 % „gut“", 3.5, uuid=UUID(int=5)
+)
 
 
 def fill(store: ResultStore) -> None:
@@ -64,10 +69,39 @@ def fill(store: ResultStore) -> None:
     store.remove_shot(ArchiveRemoval(image.uuid, NOON, "older than 14 days"))
 
 
+@folder_once
+def filled_file(folder: Path) -> None:
+    """With the database `results.db`."""
+    with ResultStore(f"sqlite:///{folder / 'results.db'}", create=True) as store:
+        fill(store)
+
+
 @pytest.fixture
-def filled(database_url: str, open_store: Callable[..., ResultStore]) -> str:
-    fill(open_store(database_url))
-    return database_url
+def filled_sqlite_url(tmp_path: Path) -> str:
+    shutil.copyfile(filled_file() / "results.db", tmp_path / "results.db")
+    return f"sqlite:///{tmp_path / 'results.db'}"
+
+
+@pytest.fixture(scope="module")
+def filled_template(postgres_server: PostgresServer, postgres_template: str) -> Iterator[str]:
+    """Name of a database to copy."""
+    with postgres_server.database(postgres_template) as url:
+        with ResultStore(url) as store:
+            fill(store)
+        yield url.rpartition("/")[2]
+
+
+@pytest.fixture
+def filled_postgres_url(postgres_server: PostgresServer, filled_template: str) -> Iterator[str]:
+    with postgres_server.database(filled_template) as url:
+        yield url
+
+
+@pytest.fixture(params=["filled_sqlite_url", "filled_postgres_url"], ids=["sqlite", "postgresql"])
+def filled(request: pytest.FixtureRequest) -> str:
+    """URL of a database with one record of each kind, once for each kind of database."""
+    url: str = request.getfixturevalue(request.param)
+    return url
 
 
 def tamper(url: str, *statements: str) -> None:
