@@ -15,6 +15,7 @@ from alignment.calibration.adjustment import AdjustmentSettings, adjust
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
+from alignment.geometry.projective import require_finite
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import MarkObservations
 from alignment.stereo.triangulation import triangulate
@@ -111,8 +112,20 @@ def _pixels_of(seen: MarkObservations, marks: Index) -> Array:
 
 
 def rigid_fit(source: Array, target: Array) -> RigidTransform:
-    """target_from_source of least squares for corresponding points (N, 3) (Umeyama 1991, without scale)."""
+    """target_from_source of least squares for corresponding points (N, 3) (Umeyama 1991, without scale).
+
+    Raises
+    ------
+    DegenerateInputError
+        For fewer than three points, points that are not finite, or all on one line.
+    """
+    for points in (source, target):
+        require_finite(points, 3)
     a, b = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
+    u, values, vt = np.linalg.svd((target - b).T @ (source - a))
+    if values[1] <= 1e-12 * values[0]:
+        raise DegenerateInputError(
+            field="points", expected="points that span a plane", seen="a line or a point"
+        )
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     return RigidTransform(rotation, b - rotation @ a)

@@ -92,8 +92,10 @@ def _from_stage(data: CalibrationInput, key: CameraKey) -> PosedCamera | None:
     if not points:
         return None
     x = np.concatenate(points)
+    if len(x) < 2 * _LEAST_MARKS:
+        return None
     extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    if len(x) < 2 * _LEAST_MARKS or extent[2] < _FLAT * extent[0]:
+    if extent[2] < _FLAT * extent[0]:
         return None
     try:
         return calibrate_faugeras(x, np.concatenate(pixels), data.sizes[key]).camera

@@ -146,11 +146,31 @@ def camera_of_absolute_conic(omega: Array) -> Array:
     return np.asarray(k / k[2, 2])
 
 
+def require_finite(points: Array, least: int = 1, field: str = "points") -> None:
+    """Refuse fewer than `least` points (N, d), and any that is not finite, with which solvers fail.
+
+    Raises
+    ------
+    DegenerateInputError
+        Which of both it is.
+    """
+    if len(points) < least:
+        raise DegenerateInputError(field=field, expected=f"at least {least}", seen=str(len(points)))
+    if not np.isfinite(points).all():
+        raise DegenerateInputError(field=field, expected="finite numbers", seen="others")
+
+
 def conditioning(points: Array) -> Array:
     """Similarity (d + 1, d + 1) that brings points (N, d) to centroid 0 and root mean square distance √d.
 
     Without it the linear fits below are at the mercy of the units (Hartley, 1997).
+
+    Raises
+    ------
+    DegenerateInputError
+        For no point, or one that is not finite.
     """
+    require_finite(points)
     centre = points.mean(axis=0)
     d = points.shape[1]
     spread = np.sqrt(np.square(points - centre).sum(axis=1).mean() / d) or 1.0

@@ -122,6 +122,8 @@ def _walk(seed: int, links: dict[int, list[tuple[int, float, float]]]) -> dict[i
 def _completed(marks: Marks, grid: Grid) -> Grid:
     """Bring in marks beyond gaps, put out those that are not on the grid."""
     rows, places = grid.rows, grid.places
+    if min(np.ptp(places, axis=0)) == 0:
+        return grid  # one row is no view of a plane
     area = np.sqrt(np.linalg.det(marks.shape))
     for _ in range(4):
         view = PlaneView.fit(places.astype(np.float64), marks.points[rows], marks.size)

@@ -32,6 +32,7 @@ class PlateRefusalCode(enum.StrEnum):
     SATURATED = "saturated"
     BLURRED = "blurred"
     NO_GRID = "no_grid"
+    ONE_ROW = "one_row"
     NO_RING_MARKS = "no_ring_marks"
     NOT_THIS_PLATE = "not_this_plate"
     AMBIGUOUS = "ambiguous"
@@ -138,6 +139,12 @@ def identify_marks(
             f"{len(marks)} round marks were found, but at most {len(grid.rows)} lie on a grid with pitch "
             f"{plane.pitch:g} mm of marks with radius {plate.mark_radius_mm:g} mm. "
             "Use the plate that the plate file describes.",
+        )
+    if min(np.ptp(grid.places, axis=0)) == 0:
+        return PlateRefusal(
+            PlateRefusalCode.ONE_ROW,
+            f"{len(grid.rows)} marks of the plate were found, all in one row, which tells neither "
+            "how it leans nor which marks they are. Show more of the plate, and take away what covers it.",
         )
     place = _place_on_plate(grid, marks.hollow[grid.rows], plane)
     if isinstance(place, PlateRefusal):

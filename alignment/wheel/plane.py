@@ -8,6 +8,7 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
+from alignment.geometry.projective import require_finite
 from alignment.robust import BIWEIGHT, deviation_of
 
 _LEAST_INFORMATION = 0.3  # of the weights; less is no fit
@@ -43,9 +44,10 @@ def fit_plane(points: Array, cluster: Index, normal: Array, *, iterations: int =
     Raises
     ------
     DegenerateInputError
-        When the points lie on a line, or are fewer than three.
+        When the points lie on a line, are fewer than three, or are not finite.
     """
     points = np.asarray(points, dtype=np.float64)
+    require_finite(points, 3)
     weights = np.ones(len(points))
     axes, centroid, residuals = np.eye(3), np.zeros(3), np.zeros(len(points))
     for iteration in range(iterations):
