@@ -36,7 +36,6 @@ def upgrade() -> None:
     op.add_column("events", sa.Column("cycle_uuid", sa.Uuid()))
     op.add_column("events", sa.Column("value", sa.Double()))
     op.add_column("wheel_results", sa.Column("degraded", sa.Boolean()))
-    op.create_index(op.f("ix_events_cycle_uuid"), "events", ["cycle_uuid"])
     op.create_index(op.f("ix_gauge_studies_name"), "gauge_studies", ["name"])
     connection = op.get_bind()
     if connection.dialect.name == "postgresql":
@@ -45,6 +44,7 @@ def upgrade() -> None:
         filled = _fill_wheels(connection)
     with _changeable(connection, "events"):
         filled += _fill_events(connection)
+    op.create_index(op.f("ix_events_cycle_uuid"), "events", ["cycle_uuid"])
     if filled:
         _mark(connection)
 

@@ -194,6 +194,23 @@ def test_what_is_written_with_its_columns_is_proven_by_them(sqlite_url: str, pos
             assert [one.split(":")[0] for one in found] == ["wheel_results", "events"], found
 
 
+def test_an_auditor_verifies_upgraded_events_with_the_lines_of_the_documentation(
+    sqlite_url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    upgraded(sqlite_url, CHAINED[0])
+    with ResultStore(sqlite_url) as store:
+        store.record_event(replace(EVENTS[0], uuid=uuid4(), cycle_uuid=LOST.uuid, value=2.0))
+    page = (Path(__file__).parents[3] / "docs" / "database.md").read_text(encoding="utf-8")
+    lines = page.split("## The chain of hashes")[1].split("```python\n")[1].split("```")[0]
+    program = compile(lines.replace("results.db", sqlite_url[10:]), "docs/database.md", "exec")
+    exec(program, {})
+    end = check_database(sqlite_url, None).heads["EOL-1"]
+    assert capsys.readouterr().out.splitlines() == [f"link {end.number} of station EOL-1: {end.hash}"]
+    tamper(sqlite_url, "UPDATE events SET value = 3.0 WHERE value = 2.0")
+    with pytest.raises(AssertionError, match="event"):
+        exec(program, {})
+
+
 def test_upgraded_records_are_shipped_as_they_were_read(tmp_path: Path, postgres_url: str) -> None:
     url = f"sqlite:///{tmp_path / 'station.db'}"
     upgraded(url, CHAINED[-1])

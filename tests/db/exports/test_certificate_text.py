@@ -189,3 +189,17 @@ def test_picture_places_each_angle_between_its_own_limits() -> None:
     assert [label.get_text() for label in ax.get_xticklabels()] == ["lower limit", "middle", "upper limit"]
     bar = ax.containers[0].lines[2][0].get_segments()[0]
     assert (bar[1][0] - bar[0][0]) / 2 == pytest.approx(3 * 0.01234 / 0.6875)
+
+
+@pytest.mark.parametrize("degraded", [True, False, None])
+def test_certificate_says_that_a_head_was_lost(tmp_path: Path, degraded: bool | None) -> None:
+    """It stood at the end of the method's name alone."""
+    one = history(
+        wheels=(wheel("front_left", degraded=degraded),),
+        axles=(),
+        outcome=CycleOutcome.OK,
+        vehicle_angles=None,
+    )
+    write_vehicle_certificate(tmp_path / "c.pdf", one, created=CREATED)
+    text = " ".join(" ".join(page.extract_text() for page in PdfReader(tmp_path / "c.pdf").pages).split())
+    assert ("a head was lost" in text) is (degraded is True)

@@ -14,6 +14,7 @@ import pytest
 from db.exports.rows import AngleRow, angle_rows
 from db.exports.tables import TABLE_COLUMNS, write_csv, write_parquet
 from db.records import StoredCycle
+from tests.db.example_records import NOON, WHEELS, cycle, wheel
 
 
 def test_every_angle_of_a_cycle_is_a_row(cycles: list[StoredCycle]) -> None:
@@ -78,3 +79,18 @@ def test_failed_export_leaves_the_old_file(tmp_path: Path, rows: list[AngleRow])
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
     assert rows[0].received_utc.tzinfo is UTC
+
+
+def test_wheel_that_lost_a_head_is_told_by_a_column_of_its_own(tmp_path: Path) -> None:
+    wheels = [
+        wheel(name, degraded=lost, method="x/degraded")
+        for name, lost in zip(WHEELS, (True, False, None, False), strict=True)
+    ]
+    rows = list(angle_rows(StoredCycle(cycle(wheels=tuple(wheels)), NOON)))
+    told = {row.part: row.degraded for row in rows}
+    assert [told[name] for name in WHEELS] == [True, False, None, False]
+    assert {told["front"], told["vehicle"]} == {None}
+    write_parquet(tmp_path / "r.parquet", rows)
+    column = pq.read_table(tmp_path / "r.parquet").column("degraded")
+    assert column.type == pa.bool_()
+    assert column.to_pylist() == [row.degraded for row in rows]
