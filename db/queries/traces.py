@@ -25,6 +25,7 @@ from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
     EventRecord,
+    Severity,
     StationRecord,
     StoredCycle,
     StoredShot,
@@ -138,7 +139,11 @@ def station_names(reader: ResultReader) -> tuple[str, ...]:
 
 @question
 def events(
-    reader: ResultReader, where: Filter = EVERYTHING, text: str | None = None, codes: Sequence[str] = ()
+    reader: ResultReader,
+    where: Filter = EVERYTHING,
+    text: str | None = None,
+    codes: Sequence[str] = (),
+    severities: Sequence[Severity] = (),
 ) -> tuple[EventRecord, ...]:
     """Events of a period and of stations, in the order of their times; `text` is looked for in theirs."""
     conditions = [within(where.intervals(), event_rows.c.utc), *at_stations(where, event_rows.c.station)]
@@ -147,6 +152,8 @@ def events(
         conditions.append(event_rows.c.text.icontains(text, autoescape=True))
     if codes:
         conditions.append(event_rows.c.code.in_(codes))
+    if severities:
+        conditions.append(event_rows.c.severity.in_(severities))
     query = select(event_rows).where(*conditions).order_by(event_rows.c.utc, event_rows.c.id)
     with reader.transaction() as connection:
         return tuple(record_of(EventRecord, row) for row in connection.execute(query).mappings())

@@ -76,6 +76,7 @@ def export(
         answer = _certificate(database, out, vin, cycle, study)
     else:
         from db.queries import ResultReader, events
+        from db.records import Severity
         from station.quality.selection import read_filter, read_zone
 
         where = read_filter(
@@ -86,7 +87,8 @@ def export(
             if kind is ExportKind.AQDEF:
                 from db.exports.aqdef import write_aqdef
 
-                happened = events(reader, where)
+                # Two events of every cycle say that all went well: no file holds them.
+                happened = events(reader, where, severities=(Severity.WARNING, Severity.ERROR))
                 zone = read_zone(timezone)
                 counts = write_aqdef(out, rows, happened, encoding=encoding, timezone=zone)
                 answer = {

@@ -201,6 +201,9 @@ def test_events_are_found_by_time_station_code_and_text(store: ResultStore, read
     assert len(events(reader, Filter(from_utc=NOON + HOUR, until_utc=NOON + 2 * HOUR))) == 1
     assert [event.text for event in events(reader, text="100%")] == ["head 2 at 61 °C, 100% load"]
     assert [event.text for event in events(reader, text="gestartet")] == ["Gestartet"]
+    store.record_event(EventRecord(NOON, "EOL-1", Severity.ERROR, "x", "dark", ""))
+    assert [event.code for event in events(reader, severities=(Severity.WARNING, Severity.ERROR))] == ["dark"]
+    assert len(events(reader, severities=tuple(Severity))) == 4
 
 
 def test_a_study_reads_back_with_every_raw_value_and_the_newest_counts(
