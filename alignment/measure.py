@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.knocks import knock_model
 from alignment.calibration.prediction import angle_covariance, predicted_misfits
 from alignment.errors import DegenerateInputError
@@ -38,8 +38,6 @@ from alignment.wheel.judgement import KNOCKED, Judgement, judge, unjudged
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
-
-Array = NDArray[np.float64]
 
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration.prediction import (
     NominalWheel,
     head_derivatives,
@@ -21,12 +21,9 @@ from alignment.calibration.prediction import (
 )
 from alignment.calibration.row_equations import camera_rows
 from alignment.stereo.rows import TERMS, row_view
-from alignment.values import HeadCalibration, RigCalibration
+from alignment.values import SIDES, HeadCalibration, RigCalibration
 from alignment.wheel.agreement import MOVES
 
-Array = NDArray[np.float64]
-
-_SIDES = ("left", "right")
 _TURN, _SHIFT_MM = 1.5e-3, 0.25  # standard deviations of a knock, radians (5′) and millimetres
 # What is assumed of a calibration that states no covariance: of the heads' patches a rise, a lean and a shift
 # by about a hundredth of a millimetre, of each number of the row fields a fifth of a pixel.
@@ -104,7 +101,7 @@ def knock_model(calibration: RigCalibration) -> KnockModel:
     knocks = []
     for k, head in enumerate(calibration.heads):
         columns = {
-            f"{head.name} {side}": _camera_moves(calibration, 2 * k + s) for s, side in enumerate(_SIDES)
+            f"{head.name} {side}": _camera_moves(calibration, 2 * k + s) for s, side in enumerate(SIDES)
         }
         for name, column in (*columns.items(), (head.name, _head_moves(calibration, k))):
             knocks.append(Knock(name, k, response @ (column * scale)))

@@ -6,16 +6,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.imaging import chains, ridges
 from alignment.imaging.crosses import find_crosses
 from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y, row_of
 from alignment.imaging.tracing import follow
 from alignment.kernels import njit, prange
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 #: Rows of the noise table: deviation across the line, strength.
 SIGMA, POINT_STRENGTH = range(2)
