@@ -29,6 +29,10 @@ from station.configuration.settings import StationConfig, read_configuration, re
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import folder_of_month
 
+PAGES = (*DOCUMENTS, ROOT / "CONTRIBUTING.md")
+# What a page tells its reader to write.
+NEW = {"alignment/calibration/geometric.py", "configs/vehicles/roadster.toml"}
+FOLDERS = "alignment|sensors|db|station|configs|tests|tools|benchmarks|docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FENCES = [fence for document in DOCUMENTS for fence in fences(document)]
 
@@ -186,11 +190,22 @@ def certificate_is_read(fence: Fence, folder: Path) -> None:
 
 def files_are_named_elsewhere(fence: Fence, folder: Path) -> None:
     """A folder's content: each of its files is named in the examples or the sentences around it."""
+    if fence.document.name == "design.md":
+        packages_exist(fence)
+        return
     rest = fence.document.read_text(encoding="utf-8").replace(fence.text, "")
     names = re.findall(r"[\w/]+\.\w+", fence.text)
     assert names
     for name in names:
         assert name.rpartition("/")[2] in rest, f"{fence.name}: {name} is named nowhere else"
+
+
+def packages_exist(fence: Fence) -> None:
+    named = re.findall(rf"^({FOLDERS})/ ", fence.text, flags=re.MULTILINE)
+    named += re.findall(rf"\b(?:{FOLDERS})\.\w+", fence.text)
+    assert len(named) >= 4
+    for name in named:
+        assert is_there(name), f"{fence.name}: {name}"
 
 
 CHECKS: dict[str, Callable[[Fence, Path], None]] = {
@@ -246,13 +261,51 @@ def test_snippet_with_a_mistake_is_found(
 
 
 def test_every_link_of_the_documents_leads_somewhere() -> None:
-    for document in DOCUMENTS:
-        text = document.read_text(encoding="utf-8")
-        for fence in fences(document):
-            # Brackets of code are no links.
-            text = text.replace(fence.text, "")
+    for document in PAGES:
+        # Brackets of code are no links.
+        text = without_fences(document)
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
+
+
+@pytest.mark.parametrize("document", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_file_and_module_that_a_page_names_exists(document: Path) -> None:
+    """Decision records named modules of before the rooms."""
+    for name in re.findall(r"`([^`\n]+)`", without_fences(document)):
+        if re.fullmatch(rf"({FOLDERS})/[\w./-]*", name):
+            assert name in NEW or (ROOT / name).exists(), f"{document.name}: {name}"
+        elif re.fullmatch(rf"({FOLDERS})(\.\w+)+", name) and not name.endswith((".toml", ".md")):
+            assert is_there(name), f"{document.name}: {name}"
+
+
+@pytest.mark.parametrize("name", ["station.contradiction", "db.chain", "station.cycle.verdict.Verdikt"])
+def test_module_that_is_gone_is_found(name: str) -> None:
+    assert not is_there(name)
+    assert is_there("station.cycle.verdict")
+    assert is_there("station.cycle.verdict.Angle.status")
+
+
+def without_fences(document: Path) -> str:
+    text = document.read_text(encoding="utf-8")
+    for fence in fences(document):
+        text = text.replace(fence.text, "")
+    return text
+
+
+def is_there(name: str) -> bool:
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found: Any = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
 
 
 def test_every_make_target_that_the_readme_names_exists() -> None:
