@@ -74,17 +74,7 @@ def conflicts(installed: Sequence[InstalledDriver]) -> list[ConfigurationError]:
     """Return what keeps declared drivers from ever being used: a name twice, or one that no rig can hold."""
     counted = Counter(one.name for one in installed)
     found = [_twice(name, installed) for name, count in counted.items() if count > 1]
-    return found + [
-        ConfigurationError(
-            field=GROUP,
-            expected="a name of small letters, digits and underscores, other than "
-            + " and ".join(sorted(RESERVED)),
-            seen=f"'{one.name}' ({one})",
-            cure="Have its makers name it otherwise",
-        )
-        for one in installed
-        if not _NAME.fullmatch(one.name) or one.name in RESERVED
-    ]
+    return found + [_misnamed(one) for one in installed if _is_misnamed(one.name)]
 
 
 def load_driver(name: str) -> LoadedDriver:
@@ -102,6 +92,8 @@ def load_driver(name: str) -> LoadedDriver:
     if len(candidates) > 1:
         raise _twice(name, [_described(point) for point in candidates])
     described = _described(candidates[0])
+    if _is_misnamed(name):
+        raise _misnamed(described)
     wanted = f"a camera driver '{name}' that can be loaded ({described})"
     try:
         # What a package prints would spoil the one object that a command prints on standard output.
@@ -171,4 +163,17 @@ def _twice(name: str, installed: Sequence[InstalledDriver]) -> ConfigurationErro
         expected=f"one package that brings the camera driver '{name}'",
         seen=" and ".join(str(one) for one in installed if one.name == name),
         cure="Uninstall all of them but one",
+    )
+
+
+def _is_misnamed(name: str) -> bool:
+    return not _NAME.fullmatch(name) or name in RESERVED
+
+
+def _misnamed(one: InstalledDriver) -> ConfigurationError:
+    return ConfigurationError(
+        expected="a camera driver named by small letters, digits and underscores, other than "
+        + " and ".join(sorted(RESERVED)),
+        seen=f"'{one.name}' ({one})",
+        cure="Have its makers name it otherwise",
     )

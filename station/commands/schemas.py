@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
-from sensors.drivers.installed import installed_drivers, load_driver
+from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, told
+from sensors.drivers.installed import LoadedDriver, installed_drivers, load_driver
 from sensors.formats import SCHEMAS
 from station.configuration.settings import StationConfig, station_model
 from station.configuration.vehicle_types import VehicleType
@@ -43,7 +43,7 @@ def _all_drivers() -> list[str]:
     failures: list[TruewheelError] = []
     for name in names:
         try:
-            load_driver(name)
+            _require_schema(load_driver(name))
         except ConfigurationError as error:
             failures.append(error)
     if len(failures) == 1:
@@ -51,3 +51,14 @@ def _all_drivers() -> list[str]:
     if failures:
         raise SeveralErrors(f"{len(failures)} camera drivers cannot be loaded", failures)
     return names
+
+
+def _require_schema(loaded: LoadedDriver) -> None:
+    try:
+        loaded.driver.settings.model_json_schema(by_alias=True)
+    except Exception as error:
+        raise ConfigurationError(
+            expected=f"settings of the driver '{loaded.installed.name}' that have a JSON schema",
+            seen=f"{told(error)} ({loaded.installed})",
+            cure=f"Ask the makers of {loaded.installed.package} for a version that fits truewheel",
+        ) from error

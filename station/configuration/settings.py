@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, create_model, field_validator, model_validator
 
-from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
 from alignment.values import MeasureSettings
 from sensors.camera import CameraSettings
@@ -319,7 +319,19 @@ class Configuration:
 
         Drivers that other packages brought are named with their versions: they decide results too.
         """
-        content = self.settings.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=left_out)
+        try:
+            content = self.settings.model_dump(
+                mode="json", by_alias=True, exclude_none=True, exclude=left_out
+            )
+        except Exception as error:
+            # Ours can be written; the settings of a foreign driver may be anything.
+            raise ConfigurationError(
+                file=self.file,
+                field="rigs",
+                expected="settings of camera drivers that can be written as JSON",
+                seen=told(error),
+                cure="Ask the makers of the driver for a version that fits truewheel",
+            ) from error
         foreign = {
             rig.driver: str(rig.cameras.installed)
             for rig in self.settings.rigs

@@ -36,6 +36,7 @@ def check_configuration(path: Path) -> tuple[Configuration | None, list[Truewhee
 
 def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
     settings = configuration.settings
+    yield lambda: configuration.hash
     yield lambda: load_line_database(configuration.path(settings.line.dbc))
     yield lambda: require_interface(settings.line.interface)
     yield lambda: _check_database(configuration)

@@ -183,12 +183,15 @@ def test_driver_that_takes_the_name_of_the_simulator_does_not_get_its_place(
 
 @pytest.mark.parametrize("name", ["calibration", "name", "Acme", "my camera"])
 def test_driver_of_a_name_that_no_rig_can_hold_is_listed_as_a_finding(
-    truewheel: Truewheel, plugins: Plugins, name: str
+    truewheel: Truewheel, configs: Path, plugins: Plugins, name: str
 ) -> None:
     declared = plugins(SOUND, name=name)
     ended = truewheel("camera", "list")
     assert ended.status == 2
     assert f"'{name}' ({declared})" in ended.err
+    if name not in ("calibration", "name"):
+        path = change(configs / "station.toml", SIMULATED, f"'{name}' = {{ port = 3 }}")
+        assert f"'{name}' ({declared})" in checked(truewheel, path)
 
 
 def test_settings_of_a_foreign_driver_are_checked_like_all_others(
@@ -236,6 +239,26 @@ def test_check_of_a_driver_that_fails_is_one_clear_error(
 ) -> None:
     plugins(text)
     assert words in checked(truewheel, acme)
+
+
+def test_settings_that_cannot_be_written_or_described_are_one_clear_error(
+    truewheel: Truewheel, acme: Path, plugins: Plugins
+) -> None:
+    plugins(
+        f"{SOUND}\nfrom typing import Annotated\nfrom pydantic import BeforeValidator\n"
+        "class Odd(StrictModel, arbitrary_types_allowed=True):\n"
+        "    port: Annotated[object, BeforeValidator(lambda value: object())] = Field(description='Port')\n"
+        "DRIVER = CameraDriver(Odd, make)"
+    )
+    assert "expected settings of camera drivers that can be written as JSON" in checked(truewheel, acme)
+    plugins(
+        f"{SOUND}\nclass Vendor: pass\n"
+        "class Odd(StrictModel, arbitrary_types_allowed=True):\n    port: Vendor\n"
+        "DRIVER = CameraDriver(Odd, make)",
+        name="vendor",
+    )
+    said = refused(truewheel("schema", "station"))
+    assert "settings of the driver 'vendor' that have a JSON schema" in said
 
 
 @pytest.mark.parametrize(
