@@ -37,6 +37,7 @@ from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
+from station.configuration.environment import damaged_package
 from station.configuration.places import own_config
 
 app = typer.Typer(
@@ -128,6 +129,12 @@ def main(arguments: list[str] | None = None) -> None:
             file=error.filename, expected="to read or write it", seen=error.strerror or str(error)
         )
         typer.echo(f"truewheel: {problem}", err=True)
+        sys.exit(BAD_INPUT)
+    except Exception:
+        damaged = damaged_package()
+        if damaged is None:
+            raise
+        typer.echo(f"truewheel: {damaged}", err=True)
         sys.exit(BAD_INPUT)
 
 

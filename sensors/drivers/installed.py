@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, distributions, entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from alignment.errors import ConfigurationError, told
 from sensors.drivers.driver import CameraDriver, Driver, RigDriver
@@ -59,13 +59,7 @@ class LoadedDriver:
 
 
 def installed_drivers() -> tuple[InstalledDriver, ...]:
-    """Return the drivers of all installed packages, by name; nothing of them is imported.
-
-    Raises
-    ------
-    ConfigurationError
-        When a package's entry points cannot be read.
-    """
+    """Return the drivers of all installed packages, by name; nothing of them is imported."""
     found = [_described(point) for point in _points()]
     return tuple(sorted(found, key=lambda one: (one.name, one.package, one.target)))
 
@@ -115,25 +109,7 @@ def load_driver(name: str) -> LoadedDriver:
 
 
 def _points() -> list[EntryPoint]:
-    try:
-        return list(entry_points(group=GROUP))
-    except Exception as error:
-        raise ConfigurationError(
-            expected="installed packages whose entry points can be read",
-            seen=told(error) + _culprits(),
-            cure="Install that package anew, or remove it",
-        ) from error
-
-
-def _culprits() -> str:
-    """Name the packages whose entry points cannot be read."""
-    found = []
-    for distribution in distributions():
-        try:
-            list(distribution.entry_points)
-        except Exception:  # noqa: BLE001  (that it fails is what is asked)
-            found.append(getattr(distribution, "name", None) or str(distribution))
-    return f" in {', '.join(found)}" if found else ""
+    return list(entry_points(group=GROUP))
 
 
 def _described(point: EntryPoint) -> InstalledDriver:

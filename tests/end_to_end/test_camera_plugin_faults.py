@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -335,3 +336,22 @@ def test_version_of_a_foreign_driver_is_part_of_the_hash(
             patch.syspath_prepend(str(folder))
             hashes.append(truewheel("config", "check", acme, "--json").json["hash"])
     assert len(set(hashes)) == 2
+
+
+@pytest.mark.parametrize("text", [b"[truewheel.cameras]\nbroken\n", b"[truewheel.cameras]\n\xff = x:y\n"])
+def test_package_whose_entry_points_cannot_be_read_is_named(tmp_path: Path, text: bytes) -> None:
+    """Pydantic and others look for plug-ins as they are imported: a traceback that named nothing."""
+    install(tmp_path, "acme-camera", {}, {})
+    file = tmp_path / "acme_camera-1.0.dist-info" / "entry_points.txt"
+    file.write_bytes(text)
+    ended = subprocess.run(
+        [sys.executable, "-m", "station.cli", "camera", "list"],
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    said = refused(Ended(ended.returncode, ended.stdout, ended.stderr))
+    assert str(file) in said
+    assert "Install that package anew, or remove it" in said
