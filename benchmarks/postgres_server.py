@@ -138,6 +138,6 @@ def free_port() -> int:
     raise OSError(errno.EADDRINUSE, "a hundred ports from 20000 to 31999 were taken")
 
 
-def temporary_folder() -> Path:
-    """An empty folder that the server's user reaches too."""
-    return Path(tempfile.mkdtemp(prefix="truewheel-pg-"))
+def temporary_folder(within: str | None = None) -> Path:
+    """An empty folder that the server's user reaches too, in a folder or where temporary files are."""
+    return Path(tempfile.mkdtemp(prefix="truewheel-pg-", dir=within))

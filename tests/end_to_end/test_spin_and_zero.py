@@ -15,21 +15,25 @@ from station.configuration.settings import read_configuration
 from station.running.composition import open_station
 from tests.alignment.wheel.test_spin import FULL_TURN, NOISE, RUN_OUT, plane, series
 from tests.end_to_end.conftest import Truewheel
+from tests.once import folder_once
 
 
-@pytest.fixture
-def turned(rendered_wheel: Path, tmp_path: Path) -> list[Path]:
-    """Eight shots whose images differ in a pixel."""
-    shots = []
+@folder_once
+def eight_shots(folder: Path, wheel: Path) -> None:
     for number in range(8):
-        shots.append(tmp_path / f"shot_{number}")
-        shutil.copytree(rendered_wheel, shots[-1])
-        path = shots[-1] / "head_1_left.png"
+        shot = folder / f"shot_{number}"
+        shutil.copytree(wheel, shot)
+        path = shot / "head_1_left.png"
         image = read_image(path).copy()
         image[0, 0] = number
         path.unlink()
         write_image(path, image)
-    return shots
+
+
+@pytest.fixture
+def turned(rendered_wheel: Path) -> list[Path]:
+    """Eight shots whose images differ in a pixel."""
+    return sorted(eight_shots(rendered_wheel).iterdir())
 
 
 def test_spin_axis_of_eight_shots(

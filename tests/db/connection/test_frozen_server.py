@@ -22,6 +22,7 @@ from db.queries import ResultReader, yield_counts
 from db.store import ResultStore
 from db.upkeep.background import BackgroundWork
 from db.upkeep.shipping import Shipper
+from tests.conftest import TEMPORARY
 from tests.db.example_records import CALIBRATION, cycle
 from tests.db.pool import pool_of
 
@@ -35,7 +36,7 @@ def server() -> Iterator[PostgresServer]:
     programs = binaries()
     if programs is None:
         pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
-    with postgres_server(temporary_folder(), programs, ["-F"]) as running:
+    with postgres_server(temporary_folder(os.environ.get(TEMPORARY)), programs, ["-F"]) as running:
         yield running
 
 
