@@ -40,6 +40,7 @@ class Deed(StrEnum):
     NAME_CONFIGURATION = "Name one"
     BEGIN_CONFIGURATION = "Name one, or write one to start from"
     SAY_IMAGE_SIZE = "Say the size of the images"
+    SAY_UNIT = "Say that they are in {of}"
     MIGRATE = "Migrate the database {of}"
     MAKE_DATABASE = "Make the database {of} first"
     CHECK_DATABASE = "Check the whole database"

@@ -104,7 +104,7 @@ def import_command(
 
     from alignment.calibration.identity import content_digest
     from sensors.formats import write_calibration
-    from sensors.formats.exchange import import_calibration
+    from sensors.formats.exchange import baselines_mm, import_calibration
 
     if out.exists():
         raise _exists(out)
@@ -120,8 +120,17 @@ def import_command(
     if identity is None:
         imported = replace(imported, id=f"imported-{rig}-{content_digest(imported)[:12]}")
     write_calibration(out, imported, method=f"imported from {kind}", created_utc=datetime.now(UTC))
-    heads = [head.name for head in imported.heads]
+    baselines = {name: round(length, 3) for name, length in baselines_mm(imported).items()}
     if as_json:
-        print_json({"out": str(out), "format": str(kind), "calibration_id": imported.id, "heads": heads})
+        print_json(
+            {
+                "out": str(out),
+                "format": str(kind),
+                "calibration_id": imported.id,
+                "heads": list(baselines),
+                "baselines_mm": baselines,
+            }
+        )
     else:
-        typer.echo(f"wrote {out}: {imported.id}, heads {', '.join(heads)}")
+        heads = ", ".join(f"{name} (baseline {length:g} mm)" for name, length in baselines.items())
+        typer.echo(f"wrote {out}: {imported.id}, heads {heads}")

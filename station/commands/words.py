@@ -14,6 +14,7 @@ COMMANDS = {
     Deed.NAME_CONFIGURATION: "Name one with --config",
     Deed.BEGIN_CONFIGURATION: "Name one with --config, or write one to start from: `truewheel init FOLDER`",
     Deed.SAY_IMAGE_SIZE: "Say it with --size",
+    Deed.SAY_UNIT: "If so, say --unit {of}",
     Deed.MIGRATE: "Run `truewheel db migrate --database {of}`",
     Deed.MAKE_DATABASE: "Create it with `truewheel db migrate --database {of}`",
     Deed.CHECK_DATABASE: "Run `truewheel db check --all`",

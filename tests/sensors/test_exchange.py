@@ -10,7 +10,7 @@ from textwrap import dedent
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError, FormatError
@@ -19,6 +19,7 @@ from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, nominal_vehicle_from_rig
 from sensors.formats.exchange import (
     FORMATS,
+    baselines_mm,
     export_calibration,
     import_calibration,
     import_cameras,
@@ -95,6 +96,7 @@ def test_a_calibration_comes_back_exactly(tmp_path: Path, kind: str, coefficient
 @given(poses=st.lists(transforms(), min_size=4, max_size=4), kind=st.sampled_from(FORMATS))
 def test_every_pose_comes_back(tmp_path: Path, poses: list[RigidTransform], kind: str) -> None:
     calibration = for_kalibr(rig(5, poses))
+    assume(all(5 < length < 5000 for length in baselines_mm(calibration).values()))
     folder = tmp_path / f"{len(list(tmp_path.iterdir()))}"
     assert_same(calibration, round_trip(folder, calibration, kind))
 
@@ -371,7 +373,7 @@ def test_lens_models_that_the_other_program_lacks_are_refused(
         ("mrcal", "[1, 2]", ["a camera model of mrcal", "an error"]),
         ("opencv", "just text", ["calibration data of OpenCV", "line 1"]),
         ("opencv", "", ["calibration data of OpenCV", "another kind of file"]),
-        ("opencv", dedent(STEREO[0]).replace("M1", "K"), ["field 'camera_matrix'", "found none"]),
+        ("opencv", dedent(STEREO[0]).replace("M1", "A"), ["field 'camera_matrix'", "found none"]),
         ("opencv", dedent(STEREO[0]).replace("3000., 0.,", "3000., 2.,"), ["field 'M1'", "fx 0 cx"]),
         ("opencv", dedent(STEREO[0]).replace("3000.", ".Nan"), ["field 'M1'", "finite numbers"]),
         ("opencv", dedent(STEREO[0]).replace("cols: 8", "cols: 7"), ["calibration data of OpenCV"]),

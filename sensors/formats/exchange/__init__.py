@@ -17,12 +17,17 @@ mrcal     one for each camera    rotation vector and T: camera from rig         
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 
 from alignment.errors import ConfigurationError
 from alignment.values import RigCalibration, Side
-from sensors.formats.exchange.cameras import NamedCamera, assemble
+from sensors.formats.exchange.cameras import (
+    NamedCamera,
+    assemble,
+    baselines_mm,
+    require_believable_baselines,
+)
 from sensors.formats.exchange.kalibr import read_kalibr, write_kalibr
 from sensors.formats.exchange.mrcal import read_mrcal, write_mrcal
 from sensors.formats.exchange.opencv import read_opencv, write_opencv
@@ -107,15 +112,26 @@ def import_calibration(
     unit_mm: float | None = None,
     size: tuple[int, int] | None = None,
 ) -> RigCalibration:
-    """Read a whole rig from another program's files; see `import_cameras` and `assemble`."""
+    """Read a whole rig from another program's files; see `import_cameras` and `assemble`.
+
+    Raises
+    ------
+    FormatError
+        As they do, and when the cameras of a head are nearer or farther apart than is believable, which is
+        the sign of another unit of length.
+    """
     cameras = import_cameras(paths, kind, unit_mm=unit_mm, size=size)
-    return assemble(cameras, identity=identity, rig=rig, side=side, file=Path(paths[0]))
+    files = " and ".join(fspath(path) for path in paths)
+    made = assemble(cameras, identity=identity, rig=rig, side=side, file=files)
+    require_believable_baselines(made, files)
+    return made
 
 
 __all__ = [
     "FORMATS",
     "NamedCamera",
     "assemble",
+    "baselines_mm",
     "export_calibration",
     "import_calibration",
     "import_cameras",

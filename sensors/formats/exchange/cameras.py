@@ -5,19 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from alignment.arrays import Array
-from alignment.errors import DegenerateInputError, FormatError
+from alignment.errors import Deed, DegenerateInputError, FormatError, Remedy
 from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
 
-_OF_HEAD = re.compile(r"^(?P<head>.+)[._/-](?P<side>left|right)$")
+_OF_HEAD = re.compile(r"^(?:(?P<head>.+)[._/-])?(?P<side>left|right)$", re.IGNORECASE)
 _NOT_RIGID = 1e-3
+BASELINE_MM = (5.0, 5000.0)
+"""Distances of two cameras of a head that are believed; outside of them the unit of length is another one."""
 
 
 class ForeignModel(BaseModel):
@@ -81,7 +84,11 @@ def cameras_to_export(
 
 
 def brown_camera(
-    size: tuple[int, int], intrinsics: Sequence[float], coefficients: Sequence[float], file: Path, field: str
+    size: tuple[int, int],
+    intrinsics: Sequence[float],
+    coefficients: Sequence[float],
+    file: str | PathLike[str],
+    field: str,
 ) -> CameraModel:
     """Build a Brown–Conrady camera from fx, fy, cx, cy and OpenCV's coefficients; missing ones of 5 are 0.
 
@@ -100,7 +107,9 @@ def brown_camera(
         ) from error
 
 
-def reference_from(rotation: Array, translation: Array, file: Path, field: str) -> RigidTransform:
+def reference_from(
+    rotation: Array, translation: Array, file: str | PathLike[str], field: str
+) -> RigidTransform:
     """Turn a pose `camera from reference`, as all three programs state it, into `reference from camera`.
 
     Digits that were rounded away are no harm: the nearest rotation is taken.
@@ -121,12 +130,13 @@ def reference_from(rotation: Array, translation: Array, file: Path, field: str) 
 
 
 def assemble(
-    cameras: Sequence[NamedCamera], *, identity: str, rig: str, side: Side, file: Path
+    cameras: Sequence[NamedCamera], *, identity: str, rig: str, side: Side, file: str | PathLike[str]
 ) -> RigCalibration:
     """Make a rig of cameras; the file's frame of reference becomes the rig's.
 
-    Cameras called ``<head>.left`` and ``<head>.right`` make heads of that name; otherwise the first two are
-    left and right of ``head_1``, the next two of ``head_2``, and so on. The pose of the rig in the vehicle is
+    Cameras called ``<head>.left`` and ``<head>.right`` make heads of that name (``left`` and ``right`` alone
+    are of ``head_1``); otherwise the first two are left and right of ``head_1``, the next two of ``head_2``,
+    and so on. The pose of the rig in the vehicle is
     the nominal one.
 
     Raises
@@ -148,7 +158,7 @@ def assemble(
     for n, (camera, match) in enumerate(zip(cameras, matches, strict=True)):
         name, which = f"head_{n // 2 + 1}", ("left", "right")[n % 2]
         if match is not None and all(matches):
-            name, which = match["head"], match["side"]
+            name, which = match["head"] or "head_1", match["side"].lower()
         heads.setdefault(name, {})[which] = camera
     for name, pair in heads.items():
         missing = {"left", "right"} - set(pair)
@@ -173,6 +183,40 @@ def assemble(
         )
     except DegenerateInputError as error:
         raise FormatError(file=file, field=error.field, expected=error.expected, seen=error.seen) from error
+
+
+def baselines_mm(calibration: RigCalibration) -> dict[str, float]:
+    """Return the distance of the two cameras of each head, millimetres."""
+    return {
+        head.name: float(
+            np.linalg.norm(head.right.rig_from_camera.translation - head.left.rig_from_camera.translation)
+        )
+        for head in calibration.heads
+    }
+
+
+def require_believable_baselines(calibration: RigCalibration, file: str | PathLike[str]) -> None:
+    """Refuse baselines that no head has: the file's lengths are in another unit.
+
+    Raises
+    ------
+    FormatError
+        When one is outside of `BASELINE_MM`.
+    """
+    least, most = BASELINE_MM
+    for head, length in baselines_mm(calibration).items():
+        if least <= length <= most:
+            continue
+        likely, factor = ("m", 1e3) if length < least else ("mm", 1e-3)
+        fits = least <= length * factor <= most
+        raise FormatError(
+            file=file,
+            choice="unit",
+            expected=f"a head whose cameras are {least:g} to {most:g} mm apart",
+            seen=f"{length:.3g} mm for {head}",
+            cure=f"The lengths of the file may be in {likely}" if fits else "Check the poses in the file",
+            remedy=Remedy(Deed.SAY_UNIT, likely) if fits else None,
+        )
 
 
 def _posed(camera: NamedCamera) -> PosedCamera:

@@ -1,8 +1,9 @@
 """mrcal's ``.cameramodel``: one file for each camera, a dictionary in Python's notation.
 
-``intrinsics`` are fx, fy, cx, cy, then OpenCV's coefficients; ``extrinsics``, in newer versions
-``rt_cam_ref``, are a rotation vector and a translation that take points of the reference frame, here the
-rig's, to the camera. mrcal leaves the unit of length to its user and recommends metres, which Truewheel
+``lensmodel`` was called ``lens_model``, and before that ``distortion_model`` with names that begin with
+``DISTORTION_``. ``intrinsics`` are fx, fy, cx, cy, then OpenCV's coefficients; ``extrinsics``, in newer
+versions ``rt_cam_ref``, are a rotation vector and a translation that take points of the reference frame, here
+the rig's, to the camera. mrcal leaves the unit of length to its user and recommends metres, which Truewheel
 writes and, unless told otherwise, reads.
 """
 
@@ -27,6 +28,7 @@ from sensors.formats.exchange.cameras import (
     reference_from,
 )
 from sensors.formats.files import entries, read_bytes, write_folder
+from sensors.formats.text import text_of
 from sensors.formats.validation import validate
 
 SUFFIX = ".cameramodel"
@@ -37,6 +39,14 @@ _COUNTS = {
     "LENSMODEL_OPENCV8": 8,
     "LENSMODEL_OPENCV12": 12,
 }
+
+
+_NAMES = {
+    "lensmodel": ("lensmodel", "lens_model", "distortion_model"),
+    "extrinsics": ("extrinsics", "rt_cam_ref"),
+}
+"""Newer and older names of one key."""
+_KNOWN = {"intrinsics", "imagersize"}.union(*_NAMES.values())
 
 
 class _CameraModelFile(ForeignModel):
@@ -98,18 +108,32 @@ def read_mrcal(paths: Sequence[Path], *, unit_mm: float = 1000.0) -> tuple[Named
     return tuple(_read_model(path, unit_mm) for path in files)
 
 
+def _of_old(name: Any) -> Any:
+    """Return the name of a lens model as it is today: DISTORTION_NONE was the pinhole."""
+    if not isinstance(name, str) or not name.startswith("DISTORTION_"):
+        return name
+    return "LENSMODEL_" + name.removeprefix("DISTORTION_").replace("NONE", "PINHOLE")
+
+
 def _read_model(path: Path, unit_mm: float) -> NamedCamera:
     content = read_bytes(path, "a camera model of mrcal")
     try:
-        data = ast.literal_eval(content.decode().strip())
-        known = {"lensmodel", "lens_model", "intrinsics", "imagersize", "extrinsics", "rt_cam_ref"}
+        data = ast.literal_eval(text_of(content).strip())
         # The rest, such as the inputs of the optimisation, may be of any kind.
-        data = {key: value for key, value in data.items() if key in known}
+        data = {key: value for key, value in data.items() if key in _KNOWN}
     except (ValueError, SyntaxError, AttributeError, MemoryError, RecursionError) as error:
         raise FormatError(file=path, expected="a camera model of mrcal", seen=f"an error: {error}") from error
-    for newer, older in (("lensmodel", "lens_model"), ("extrinsics", "rt_cam_ref")):
-        if newer not in data and older in data:
-            data[newer] = data[older]
+    for key, names in _NAMES.items():
+        stated = [name for name in names if name in data]
+        values = [data.pop(name) for name in stated]
+        if key == "lensmodel":
+            values = [_of_old(value) for value in values]
+        if any(value != values[0] for value in values):
+            raise FormatError(
+                file=path, field=stated[1], expected=f"the same as under '{stated[0]}'", seen="something else"
+            )
+        if values:
+            data[key] = values[0]
     found = validate(_CameraModelFile, data, file=path)
     count = _COUNTS.get(found.lensmodel)
     if count is None:

@@ -37,6 +37,7 @@ def test_a_calibration_goes_out_and_comes_back(
     assert run("calibration", "import", foreign, "--format", kind, *arguments) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["heads"] == ["head_1", "head_2", "head_3"]
+    assert all(70 < length < 90 for length in said["baselines_mm"].values())
     before, after = read_calibration(path), read_calibration(back)
     assert after.id == said["calibration_id"] != before.id
     for one, other in zip(before.heads, after.heads, strict=True):
@@ -52,14 +53,24 @@ def test_a_calibration_goes_out_and_comes_back(
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_an_import_in_millimetres_with_an_identity(tmp_path: Path) -> None:
-    path, foreign, back = calibration_file(tmp_path), tmp_path / "models", tmp_path / "back.json"
-    assert run("calibration", "export", path, "--format", "mrcal", "--out", foreign) == 0
-    arguments = "--rig", "r", "--side", "right", "--id", "2026-3", "--unit", "mm", "--out", back
-    assert run("calibration", "import", foreign, "--format", "mrcal", *arguments) == 0
-    imported = read_calibration(back)
-    assert (imported.id, imported.rig, imported.side) == ("2026-3", "r", "right")
-    assert imported.heads[0].left.rig_from_camera.translation[2] == pytest.approx(0.4, abs=0.01)
+def test_an_import_in_a_wrong_unit_is_refused_and_the_cure_works(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Metres were taken for millimetres: a rig with a baseline of 0.08 mm was written, exit 0."""
+    path = calibration_file(tmp_path)
+    for kind, unit, seen, right in (("mrcal", "mm", "0.0807 mm", "m"), ("opencv", "m", "e+04 mm", "mm")):
+        foreign, back = tmp_path / f"{kind}.yaml", tmp_path / f"{kind}.json"
+        assert run("calibration", "export", path, "--format", kind, "--out", foreign) == 0
+        arguments = "--format", kind, "--rig", "r", "--side", "right", "--id", "2026-3", "--out", back
+        assert run("calibration", "import", foreign, *arguments, "--unit", unit) == 2
+        said = capsys.readouterr().err
+        assert seen in said
+        assert said.endswith(f"say --unit {right}\n")
+        assert not back.exists()
+        assert run("calibration", "import", foreign, *arguments, "--unit", right) == 0
+        imported = read_calibration(back)
+        assert (imported.id, imported.rig, imported.side) == ("2026-3", "r", "right")
+        assert "head_1 (baseline 80.7" in capsys.readouterr().out
 
 
 def test_a_model_that_no_other_program_has_ends_with_one_sentence(
