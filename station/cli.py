@@ -17,6 +17,7 @@ from alignment.errors import (
     StoreDamagedError,
     StoreSchemaError,
     TruewheelError,
+    told,
 )
 from station.commands import wheel
 from station.commands.bench import bench
@@ -39,6 +40,8 @@ from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
 from station.configuration.environment import damaged_package
 from station.configuration.places import own_config
+
+OWN_PACKAGES = frozenset({"alignment", "sensors", "db", "station"})
 
 app = typer.Typer(
     name="truewheel",
@@ -123,6 +126,16 @@ def main(arguments: list[str] | None = None) -> None:
     except TruewheelError as error:
         typer.echo(f"truewheel: {error.told(running.words())}", err=True)
         sys.exit(exit_status(error))
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] in OWN_PACKAGES:
+            raise
+        problem = ConfigurationError(
+            expected="all packages that this program needs",
+            seen=told(error),
+            cure="Install truewheel anew, with what it needs: `pip install .` in its folder, or `make setup`",
+        )
+        typer.echo(f"truewheel: {problem}", err=True)
+        sys.exit(BAD_INPUT)
     except OSError as error:
         # What the formats do not translate: an output folder that cannot be made, a broken pipe.
         problem = ConfigurationError(

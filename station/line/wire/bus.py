@@ -15,6 +15,7 @@ from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
 from station.cycle.coalesced import Coalesced
+from station.line.wire.adapters import FOREIGN, said
 from station.line.wire.bus_log import open_log
 from station.line.wire.channel import BusSettings, Channel
 from station.threads.supervised import SupervisedThread
@@ -146,13 +147,13 @@ class LineBus:
             frame.is_rx = False
             try:
                 self._bus.send(frame, timeout=SEND_TIMEOUT_S)
-            except (can.CanError, OSError) as error:
+            except FOREIGN as error:
                 self._send_failures += 1
-                self._last_error = f"send: {error}"
+                self._last_error = f"send: {said(error)}"
                 self._refusing_since = self._refusing_since or self._clock()
                 raise LineConnectionError(
                     f"{self._name} did not take frame 0x{frame.arbitration_id:X} within "
-                    f"{SEND_TIMEOUT_S:g} s: {error}. Check the adapter, the cable and the other end."
+                    f"{SEND_TIMEOUT_S:g} s: {said(error)}. Check the adapter, the cable and the other end."
                 ) from error
             self._refusing_since = None
             self._sent += 1
@@ -214,10 +215,9 @@ class LineBus:
         try:
             frame = bus.recv(RECEIVE_WAIT_S)
             off = _is_off(bus, frame)
-        except (can.CanError, OSError, ValueError, TypeError) as error:
-            # pyserial raises TypeError and ValueError when its device goes away amid a read.
+        except FOREIGN as error:  # (pyserial raises TypeError when its device goes away amid a read)
             self._receive_failures += 1
-            self._lose(f"receive: {error}")
+            self._lose(f"receive: {said(error)}")
             return
         since = self._refusing_since
         if off:
@@ -256,8 +256,8 @@ class LineBus:
             return
         try:
             bus = self._opened()
-        except (ConfigurationError, can.CanError, OSError) as error:
-            self._last_error = f"open: {error}"
+        except FOREIGN as error:
+            self._last_error = f"open: {error if isinstance(error, ConfigurationError) else said(error)}"
             self._pause_s = min(2.0 * self._pause_s, REOPEN_LAST_S)
             return
         self._pause_s = REOPEN_FIRST_S
@@ -271,9 +271,9 @@ class LineBus:
             return
         try:
             bus.shutdown()
-        except (can.CanError, OSError, ValueError, TypeError) as error:
+        except FOREIGN as error:
             # What is gone cannot be closed properly.
-            self._last_error = self._last_error or f"close: {error}"
+            self._last_error = self._last_error or f"close: {said(error)}"
 
     def _log(self, frame: can.Message) -> None:
         if self._writer is None:

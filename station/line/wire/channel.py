@@ -13,6 +13,7 @@ from typing import Any
 import can
 
 from alignment.errors import ConfigurationError
+from station.line.wire.adapters import FOREIGN, unopened
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,12 @@ class Channel:
                 ignore_config=True,
                 **dict(settings.options),
             )
-        except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        except FOREIGN as error:
             self.release()
-            raise ConfigurationError(
-                field="line.channel",
-                expected=f"a channel of the interface '{settings.interface}' that opens",
-                seen=f"'{settings.channel}': {error}",
-                cure="Check that the adapter is plugged in, its driver installed and no other program has "
-                "the channel",
-            ) from error
+            raise unopened(settings.interface, settings.channel, error) from error
+        except BaseException:
+            self.release()
+            raise
 
     def __str__(self) -> str:
         return f"{self._settings.interface} {self._settings.channel}"
