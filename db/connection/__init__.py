@@ -1,8 +1,8 @@
 """Reaching a database: URL, bounded connections, errors, the schema's revision, one program per station."""
 
-from db.connection.engine import describe, look_at_files, make_engine, parse_url
+from db.connection.engine import describe, look_at_files, make_engine, parse_url, sqlite_url
 from db.connection.failures import store_errors
-from db.connection.files import WatchedConnection
+from db.connection.files import WatchedConnection, unwritten
 from db.connection.lock import station_lock
 from db.connection.revisions import (
     check_revision,
@@ -26,7 +26,9 @@ __all__ = [
     "parse_url",
     "require_file",
     "revision_of",
+    "sqlite_url",
     "station_lock",
     "store_errors",
+    "unwritten",
     "upgrade",
 ]

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
+import re
 import sqlite3
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError
 
 from alignment.errors import ConfigurationError
 from alignment.file_limits import unfit_kind
-from db.connection.files import WatchedConnection, companions, file_is_lost, identity_of
+from db.connection.files import WatchedConnection, companions, file_is_lost, identity_of, unwritten
 from db.connection.server import bounded_connection
 
 _DRIVERS = {"sqlite": "sqlite+pysqlite", "postgresql": "postgresql+psycopg"}
 _SECRET_KEYS = ("password", "sslpassword")
+_QUOTED = re.compile(r"[%?\x00-\x1f\x7f]")
+"""What means something else in a URL, or would spoil a message."""
 
 
 def parse_url(url: str) -> URL:
@@ -36,7 +39,10 @@ def parse_url(url: str) -> URL:
     except (ArgumentError, ValueError):
         # Not chained: the original message may quote the URL.
         raise ConfigurationError(
-            field="database URL", expected=expected, seen="something that is no URL"
+            field="database URL",
+            expected=expected,
+            seen="something that is no URL",
+            cure=_cure_of_no_url(url),
         ) from None
     drivername = _DRIVERS.get(parsed.drivername, parsed.drivername)
     if drivername not in _DRIVERS.values():
@@ -44,23 +50,48 @@ def parse_url(url: str) -> URL:
             field="database URL", expected=expected, seen=f"a URL that begins with '{parsed.drivername}:'"
         )
     if drivername == _DRIVERS["sqlite"]:
-        _require_plain_file(parsed)
+        _require_plain_file(parsed, url.partition("://")[2])
     return parsed.set(drivername=drivername)
 
 
-def _require_plain_file(url: URL) -> None:
-    """Refuse what would not be a file on the disk, or one that SQLite opens without its own protection."""
+def _cure_of_no_url(url: str) -> str | None:
+    """Say how a path, or a URL with too few slashes, is written; never what may hold a password."""
+    path = url.removeprefix("sqlite:").strip()
+    if not path or "@" in path or "://" in path or not path.isprintable():
+        return None
+    return f"Write {sqlite_url(path)}"
+
+
+def sqlite_url(path: str) -> str:
+    """Return the URL of a file, readable, and so that `parse_url` finds this file again."""
+    return "sqlite:///" + _QUOTED.sub(lambda match: quote(match[0]), path)
+
+
+def _require_plain_file(url: URL, typed: str) -> None:
+    """Refuse what would not be a file on the disk, or one that SQLite opens without its own protection.
+
+    `typed` is what stands behind the two slashes.
+    """
     database, seen, cure = url.database or "", None, None
+    literal = typed.removeprefix("/")
     if url.host:
-        seen, cure = "a name of a computer", f"Write three slashes: sqlite:///{url.host}"
+        seen, cure = "a name of a computer", "Write three slashes"
+        if not url.password:
+            cure += f": sqlite:///{typed}"
     elif not database.strip() or database == ":memory:":
         seen, cure = "an SQLite database in memory", "Write sqlite:///results.db"
     elif database.startswith("file:") or "\0" in database:
         seen, cure = "a path that is no path of a file", "Write sqlite:///results.db, without 'file:'"
+    elif "?" in typed and (not url.query or _is_there(unquote(literal))):
+        seen = f"the file '{database}', for a question mark ends the name"
+        cure = f"Write %3F for one that is a part of it: sqlite:///{literal.replace('?', '%3F')}"
     elif url.query:
         # mode=memory, immutable, nolock, cache, vfs: each takes durability or the locks away.
         names = ", ".join(sorted(url.query))
         seen, cure = f"the parameters {names}", "Leave out what stands from the question mark on"
+    elif literal != database and not _is_there(database) and _is_there(literal):
+        seen = f"the file '{database}', for a percent sign begins the code of a character"
+        cure = f"Write %25 for one that is a part of the name: {sqlite_url(literal)}"
     if seen is not None:
         raise ConfigurationError(
             field="database URL",
@@ -69,6 +100,13 @@ def _require_plain_file(url: URL) -> None:
             cure=cure,
         )
     _require_ordinary(Path(database))
+
+
+def _is_there(path: str) -> bool:
+    try:
+        return Path(path).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _require_ordinary(path: Path) -> None:
@@ -88,6 +126,8 @@ def _require_ordinary(path: Path) -> None:
 
 def describe(url: URL) -> str:
     """The URL as messages show it, without passwords."""
+    if url.get_backend_name() == "sqlite" and not url.host:
+        return sqlite_url(url.database or "")
     hidden = {key: "hidden" for key in _SECRET_KEYS if key in url.query}
     shown = url.set(drivername=url.get_backend_name()).update_query_dict(hidden)
     return shown.render_as_string(hide_password=True)
@@ -176,13 +216,14 @@ class _SqliteCreator:
     def __call__(self) -> sqlite3.Connection:
         # Without mode=rw SQLite would replace a file that was moved away by an empty one.
         mode = "rw" if self._mode == "rwc" and self._first is not None else self._mode
+        still = unwritten(self._path) if mode == "ro" else ()
         connection = sqlite3.connect(
-            f"file:{quote(str(self._path))}?mode={mode}",
+            f"file:{quote(str(self._path))}?mode={mode}{'&immutable=1' if still else ''}",
             uri=True, timeout=self._timeout_s, isolation_level=None, check_same_thread=False,
             factory=WatchedConnection,
         )  # fmt: skip
         try:
-            connection.opened = {}
+            connection.opened, connection.absent = {}, still
             # SQLite has no variance of its own; see db.sums.partial.
             connection.create_aggregate("squared_deviations", 1, _SquaredDeviations)  # type: ignore[arg-type]
             if mode == "ro":

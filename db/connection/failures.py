@@ -34,7 +34,8 @@ _SQLITE: dict[int, _Sentence] = {
     ),
     sqlite3.SQLITE_CANTOPEN: (
         StoreUnavailableError,
-        "cannot be opened. Check that the folder exists and that this user may write in it",
+        "cannot be opened. Check that the folder exists and that this user may write in it; where that "
+        "cannot be, copy the file with the -wal file beside it to where it can",
     ),
     sqlite3.SQLITE_NOTADB: (
         StoreDamagedError,

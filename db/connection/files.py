@@ -8,6 +8,7 @@ first, and without a common ``-shm`` file two programs do not see each other.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,8 @@ class WatchedConnection(sqlite3.Connection):
     """A connection that knows which files it has open."""
 
     opened: dict[Path, _Identity]
+    absent: tuple[Path, ...] = ()
+    """Files that were not there when it was opened as one that nobody changes."""
 
     def look(self, where: str) -> None:
         """Compare the files at their paths with those that are open.
@@ -34,6 +37,25 @@ class WatchedConnection(sqlite3.Connection):
             seen = identity_of(path)
             if seen != identity:
                 raise file_is_lost(where, path, gone=seen is None)
+        if any(path.exists() for path in self.absent):
+            raise StoreUnavailableError(
+                f"database {where} is written by another program since it was opened to read. Ask again"
+            )
+
+
+def unwritten(path: Path) -> tuple[Path, ...]:
+    """Return the files that would show that a database is written, where nothing can be written by us.
+
+    SQLite opens a database that was last used with a ``-wal`` file only where it may make one anew. On a
+    medium or in a folder that is read-only it must be told that nobody changes the file, which is so while
+    none of these are beside it. Empty where the folder can be written, or one of them is there.
+    """
+    real = path.resolve()
+    if not real.is_file() or os.access(real.parent, os.W_OK):
+        return ()
+    beside = (*companions(path), real.with_name(real.name + "-journal"))
+    written = (beside[0], beside[2])
+    return () if any(each.exists() for each in written) else written
 
 
 def identity_of(path: Path) -> _Identity | None:

@@ -37,7 +37,8 @@ def current_revision(url: str) -> str | None:
     """
     parsed = parse_url(url)
     require_file(parsed)
-    engine = make_engine(parsed, timeout_s=5.0)
+    # A copy may be on a medium that is read-only.
+    engine = make_engine(parsed, timeout_s=5.0, read_only=True)
     try:
         with store_errors(describe(parsed)), engine.connect() as connection:
             return revision_of(connection, describe(parsed))

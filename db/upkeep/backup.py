@@ -15,7 +15,16 @@ from sqlalchemy import URL, inspect
 
 from alignment.errors import FormatError, StoreDamagedError, StoreError, StoreUnavailableError
 from alignment.file_limits import BACKUP, WANTED_CURE, unfit_kind, unfit_size
-from db.connection import current_revision, describe, make_engine, parse_url, require_file, store_errors
+from db.connection import (
+    current_revision,
+    describe,
+    make_engine,
+    parse_url,
+    require_file,
+    sqlite_url,
+    store_errors,
+    unwritten,
+)
 
 _LONGEST_S = 24 * 3600.0
 _SQLITE_HEADER = b"SQLite format 3\0"
@@ -97,7 +106,7 @@ def restore(path: Path, url: str) -> None:
 
 
 def _restore_sqlite(path: Path, target: Path) -> None:
-    where = f"sqlite:///{target}"
+    where = sqlite_url(str(target))
     if target.exists():
         raise StoreError(
             f"database {where} is there already and stays as it is. Name a new file, or move it away"
@@ -122,19 +131,27 @@ def _restore_sqlite(path: Path, target: Path) -> None:
 
 def _copy_sqlite(source: Path, target: Path) -> None:
     target.unlink(missing_ok=True)
+    mode = "mode=ro&immutable=1" if unwritten(source) else "mode=ro"
     try:
         with (
-            closing(sqlite3.connect(f"file:{quote(str(source))}?mode=ro", uri=True)) as old,
+            closing(sqlite3.connect(f"file:{quote(str(source))}?{mode}", uri=True)) as old,
             closing(sqlite3.connect(target)) as new,
         ):
             # In one step: a copy in portions begins anew whenever a station writes.
             old.backup(new)
+            # A file of WAL mode could only be opened where one may write; a station sets its own mode anew.
+            new.execute("PRAGMA journal_mode=DELETE")
             found = new.execute("PRAGMA integrity_check(1)").fetchone()[0]
     except sqlite3.Error as error:
-        raise StoreError(f"database sqlite:///{source} cannot be copied ({error})") from error
+        raise StoreError(
+            f"database {sqlite_url(str(source))} cannot be copied ({error}). Check that this user may read "
+            f"it and write {target.parent}; a file with a -wal file beside it must be where one may write"
+        ) from error
     if found != "ok":
         seen = " ".join(str(found).split())
-        raise StoreDamagedError(f"database sqlite:///{source} is damaged: {seen}. Restore an older backup")
+        raise StoreDamagedError(
+            f"database {sqlite_url(str(source))} is damaged: {seen}. Restore an older backup"
+        )
 
 
 def _require_empty(url: URL) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from shlex import quote
 from typing import Any
 
 from typer.core import TyperGroup
@@ -28,7 +29,9 @@ COMMANDS = {
 
 def remedy_in_commands(remedy: Remedy) -> str:
     """Return what to type, and what else there is to do."""
-    return remedy.told(COMMANDS[remedy.deed])
+    # As a person types it: a blank, a backslash or a question mark would mean something to the shell.
+    typed = replace(remedy, of=quote(remedy.of)) if remedy.of else remedy
+    return typed.told(COMMANDS[remedy.deed])
 
 
 @dataclass

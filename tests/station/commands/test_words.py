@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
 import pytest
 
@@ -80,7 +81,7 @@ def test_a_remedy_of_several_errors_is_told_in_each(kind: type[TruewheelError]) 
     error = SeveralErrors("2 failed", [kind("a is old", Remedy(Deed.MIGRATE, url)), ValueError("b")])  # type: ignore[call-arg]
     assert str(error) == f"2 failed; a is old. Migrate the database {url}; b"
     words = Running().words()
-    assert error.told(words) == f"2 failed; a is old. Run `truewheel db migrate --database {url}`; b"
+    assert error.told(words) == f"2 failed; a is old. Run `truewheel db migrate --database {quote(url)}`; b"
 
 
 def test_every_deed_has_its_command() -> None:
