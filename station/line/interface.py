@@ -33,7 +33,6 @@ from station.cycle.words import (
     ErrorCode,
     LiveAngles,
     LiveState,
-    Mode,
     Outcome,
     Reset,
     StationState,
@@ -42,7 +41,8 @@ from station.cycle.words import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.handshake import Asked, Event, Handshake
+from station.line.asking import read_asked
+from station.line.handshake import Event, Handshake
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.link import ProtectedLink
@@ -50,16 +50,12 @@ from station.line.wire.messages import CommandAnswer, CommandCode, LineStatus, S
 from station.line.wire.options import DEFAULT_OPTIONS, LineHealth, LineOptions
 from station.line.wire.results import blank_frames, live_frame, result_frames
 from station.line.wire.status import answer_frame, detail_frame, info_frame, status_frame
-from station.line.wire.vin import VinAssembly, VinState
+from station.line.wire.vin import VinAssembly
 from station.threads.supervised import SupervisedThread
 
 STATUS_PERIOD_S = 0.1
 COMMUNICATION_TIMEOUT_S = 0.5
 PREPARE_LIFETIME_S = 300.0
-_VIN_TROUBLE = {
-    VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,
-    VinState.INVALID: ErrorCode.VIN_INVALID,
-}
 _LOG = logging.getLogger("truewheel.line")
 
 
@@ -437,12 +433,14 @@ class StationLine:
         self._heartbeat = int(values["Heartbeat"])
         sequence = int(values["Sequence"])
         try:
-            asked = self._asked(CommandCode(str(values["Code"])), sequence, values)
+            code = CommandCode(str(values["Code"]))
         except ValueError:
             self._note_refusal(sequence, ErrorCode.UNKNOWN_COMMAND)
             self._send_status()
             return
         before = self._handshake.state, self._handshake.reply
+        now, modes = self._clock(), self._options.modes
+        asked = read_asked(code, sequence, values, self._database.wheels, self._vin, modes, now)
         command = self._handshake.asked(asked)
         if command is not None:
             self._accepted(command)
@@ -452,27 +450,6 @@ class StationLine:
         self._note_refusal(reply.sequence, reply.refusal)
         self._send_status()
         self._send_answer()
-
-    def _asked(self, code: CommandCode, sequence: int, values: dict[str, Value]) -> Asked:
-        endings = self._database.wheels
-        wheels = tuple(wheel for wheel in endings if values[f"Wheel{endings[wheel]}"])
-        now = self._clock()
-        trouble, vin, mode = ErrorCode.NONE, "", Mode.AUTOMATIC
-        if code in (CommandCode.START, CommandCode.PREPARE):
-            known = values["Mode"] in self._options.modes
-            mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC
-            found = self._vin.read(sequence, now)
-            if sequence == 0:
-                trouble = ErrorCode.WRONG_SEQUENCE
-            elif not known:
-                trouble = ErrorCode.MODE_NOT_AVAILABLE
-            elif not wheels:
-                trouble = ErrorCode.NO_WHEELS
-            elif code is CommandCode.START and isinstance(found, VinState):
-                trouble = _VIN_TROUBLE[found]
-            elif isinstance(found, str):
-                vin = found
-        return Asked(code, sequence, wheels, int(values["VehicleType"]), mode, vin, now, trouble)
 
     def _accepted(self, command: Command) -> None:
         if isinstance(command, Trigger):

@@ -6,6 +6,7 @@ import itertools
 import math
 import threading
 from copy import deepcopy
+from typing import Any
 
 import can
 import pytest
@@ -30,6 +31,7 @@ from station.line.interface import StationLine
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.protection import Protector
+from station.line.wire.status import status_frame
 from station.line.wire.vin import is_vin
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Bench, Clock, FakeCanBus, command_frame, vin_frame
 
@@ -416,17 +418,20 @@ def test_status_is_sent_cyclically_without_anybody_asking(database: LineDatabase
     line.close()
 
 
-def test_cyclic_thread_survives_what_it_does_not_expect(database: LineDatabase) -> None:
-    fake, twice = FakeCanBus(), threading.Event()
-    with LineBus(lambda: fake) as bus, StationLine(bus, database) as line:
-        failures = iter([ZeroDivisionError("first")])
+def test_cyclic_thread_survives_what_it_does_not_expect(
+    database: LineDatabase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    twice = threading.Event()
+    failures = iter([ZeroDivisionError("first")])
 
-        def broken(msg: can.Message, timeout: float | None = None) -> None:
-            for failure in failures:
-                raise failure
-            twice.set()
+    def broken(*given: Any) -> can.Message:
+        for failure in failures:
+            raise failure
+        twice.set()
+        return status_frame(*given)
 
-        fake.send = broken  # type: ignore[method-assign]
+    with LineBus(FakeCanBus) as bus, StationLine(bus, database) as line:
+        monkeypatch.setattr("station.line.interface.status_frame", broken)
         assert twice.wait(WAIT_S)
         assert line.health.cyclic_failures == 1
 

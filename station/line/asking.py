@@ -1,0 +1,61 @@
+"""What the controller asks for: a command's signals and the VIN before it, as the handshake takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from station.cycle.words import ErrorCode, Mode
+from station.line.handshake import Asked
+from station.line.wire.dbc import Value
+from station.line.wire.messages import CommandCode
+from station.line.wire.vin import VinAssembly, VinState
+
+_VIN_TROUBLE = {
+    VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,
+    VinState.INVALID: ErrorCode.VIN_INVALID,
+}
+
+
+def read_asked(
+    code: CommandCode,
+    sequence: int,
+    values: Mapping[str, Value],
+    endings: Mapping[str, str],
+    vins: VinAssembly,
+    modes: Collection[str],
+    now: float,
+) -> Asked:
+    """Read a command, with what is wrong in it.
+
+    Parameters
+    ----------
+    code, sequence
+        What is asked, under which number.
+    values
+        Signals of the message Command.
+    endings
+        Wheels of the line, and how each one's signals end.
+    vins
+        The VIN that is assembled from its messages.
+    modes
+        Modes of a start that this station has.
+    now
+        Monotonic seconds.
+    """
+    wheels = tuple(wheel for wheel in endings if values[f"Wheel{endings[wheel]}"])
+    trouble, vin, mode = ErrorCode.NONE, "", Mode.AUTOMATIC
+    if code in (CommandCode.START, CommandCode.PREPARE):
+        known = values["Mode"] in modes
+        mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC
+        found = vins.read(sequence, now)
+        if sequence == 0:
+            trouble = ErrorCode.WRONG_SEQUENCE
+        elif not known:
+            trouble = ErrorCode.MODE_NOT_AVAILABLE
+        elif not wheels:
+            trouble = ErrorCode.NO_WHEELS
+        elif code is CommandCode.START and isinstance(found, VinState):
+            trouble = _VIN_TROUBLE[found]
+        elif isinstance(found, str):
+            vin = found
+    return Asked(code, sequence, wheels, int(values["VehicleType"]), mode, vin, now, trouble)
