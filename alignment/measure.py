@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.knocks import knock_model
-from alignment.calibration.prediction import angle_covariance, predicted_misfits
+from alignment.calibration.judgement import KNOCKED, Judgement, judge, unjudged
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import level_share
 from alignment.imaging.lines import LightLines, extract_many
+from alignment.prepared import PreparedRig
 from alignment.stereo.correspondence import Candidates, match_heads
-from alignment.stereo.overlap import shared_views
 from alignment.stereo.pool import PointPool
-from alignment.stereo.rectification import epipolar_directions
 from alignment.stereo.rows import row_fields
 from alignment.stereo.surface import plane_hypotheses
 from alignment.values import (
@@ -34,7 +31,6 @@ from alignment.values import (
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.agreement import HeadMoves, head_moves, head_sums
-from alignment.wheel.judgement import KNOCKED, Judgement, judge, unjudged
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
@@ -42,11 +38,9 @@ from alignment.wheel.search import WheelSurface, find_surface
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
 _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
-# A head whose patch of the tyre would fit better elsewhere, by so many millimetres RMS, moved: more than the
-# skin of a tyre explains, more than the noise of the head's points does, which five movements fit a little,
-# and more than the errors of the calibration do: three stated deviations, or a hundredth of a millimetre
-# where it states none.
-_LEAST_MISFIT, _UNSTATED_MISFIT, _DEVIATIONS, _MOVEMENTS = 0.003, 0.01, 3.0, 5
+# A head whose patch of the tyre would fit better elsewhere moved: by more than the errors of the calibration
+# explain (`PreparedRig.worst_misfit`) and the noise of the head's points, which five movements fit a little.
+_DEVIATIONS, _MOVEMENTS = 3.0, 5
 _SOME = 4  # line points of which one tells of the light
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a lamp in view
@@ -56,7 +50,7 @@ _FEWEST_HEADS = 2
 
 
 def measure_wheel(
-    images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+    images: Sequence[StereoImages], calibration: RigCalibration | PreparedRig, settings: MeasureSettings
 ) -> WheelMeasurement | Refusal:
     """Measure the tyre plane of one wheel.
 
@@ -70,7 +64,9 @@ def measure_wheel(
     images
         One pair per head, in the order of `calibration.heads`; (height, width), 8 or 16 bit.
     calibration
-        Cameras and pose of the rig.
+        Cameras and pose of the rig. A plain calibration is prepared anew at each call, which costs 20 ms, and
+        40 ms where it states its covariance: as much as the measurement itself, or twice. Who measures more
+        than once passes a `PreparedRig` and keeps it.
     settings
         See `MeasureSettings`.
 
@@ -78,41 +74,65 @@ def measure_wheel(
     -------
     WheelMeasurement or Refusal
         A refusal says what was wrong and what to do; it is false.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the rig was prepared for another depth range than that of the settings, or a head of a
+        calibration with covariance cannot see a wheel.
     """
-    wrong = _check_images(images, calibration)
+    rig = PreparedRig.of(calibration, settings)
+    wrong = _check_images(images, rig.calibration)
     if wrong is not None:
         return wrong
-    result = _measure(images, calibration, settings)
+    result = _measure(images, rig, settings)
     if isinstance(result, Refusal) and settings.allow_lost_head and len(images) >= _FEWEST_HEADS + 1:
-        names = [head.name for head in calibration.heads]
+        names = [head.name for head in rig.heads]
         if result.head in names:
-            return _without_head(names.index(result.head), images, calibration, settings) or result
+            return _without_head(names.index(result.head), images, rig, settings) or result
     return result
 
 
 def _without_head(
-    lost: int, images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+    lost: int, images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
 ) -> WheelMeasurement | Refusal:
     """Measure with the other heads alone."""
     others = [pair for k, pair in enumerate(images) if k != lost]
-    result = _measure(others, _others(calibration, lost), settings)
+    result = _measure(others, rig.without[lost], settings)
     return replace(result, degraded=True) if isinstance(result, WheelMeasurement) else result
 
 
-@lru_cache(maxsize=16)
-def _others(calibration: RigCalibration, lost: int) -> RigCalibration:
-    """One value per lost head, so that what is computed once for a calibration stays."""
-    return calibration.without_head(lost)
-
-
 def _measure(
-    images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
 ) -> WheelMeasurement | Refusal:
+    lines = _lines(images, rig, settings)
+    if isinstance(lines, Refusal):
+        return lines
+    matched = match_heads(lines, rig.geometry, settings.depth_range_mm)
+    for candidates, head in zip(matched, rig.heads, strict=True):
+        if len(candidates.points) < settings.minimum_points:
+            return _no_match(candidates, head, settings)
+    pool = PointPool.of(matched)
+    slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
+    hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
+    surface = find_surface(pool, hypotheses, rig.image_axes)
+    if surface is None:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            "the points of the heads do not lie around one axis; check that the wheel stands in the "
+            "measuring volume and that nothing else is in view",
+        )
+    return _evaluate(lines, matched, surface, rig, settings)
+
+
+def _lines(
+    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
+) -> list[tuple[LightLines, LightLines]] | Refusal:
+    """Light lines of both images of each head."""
     every = [image for pair in images for image in (pair.left, pair.right)]
-    views = shared_views(calibration, settings.depth_range_mm)
-    found_lines = iter(extract_many(every, epipolar_directions(calibration), views))
+    found_lines = iter(extract_many(every, rig.epipolar_directions, rig.shared_views))
     lines: list[tuple[LightLines, LightLines]] = []
-    for pair, head in zip(images, calibration.heads, strict=True):
+    for pair, head in zip(images, rig.heads, strict=True):
         left, right = next(found_lines), next(found_lines)
         for image, found, side in ((pair.left, left, "left"), (pair.right, right, "right")):
             if found is None or len(found.points) < settings.minimum_points // 4:
@@ -122,21 +142,7 @@ def _measure(
         assert left is not None
         assert right is not None
         lines.append((left, right))
-    matched = match_heads(lines, calibration.heads, settings.depth_range_mm)
-    for candidates, head in zip(matched, calibration.heads, strict=True):
-        if len(candidates.points) < settings.minimum_points:
-            return _no_match(candidates, head, settings)
-    pool = PointPool.of(matched)
-    slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
-    hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
-    surface = find_surface(pool, hypotheses, _image_axes(calibration))
-    if surface is None:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            "the points of the heads do not lie around one axis; check that the wheel stands in the "
-            "measuring volume and that nothing else is in view",
-        )
-    return _evaluate(lines, matched, surface, calibration, settings)
+    return lines
 
 
 def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
@@ -203,12 +209,13 @@ def _evaluate(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     surface: WheelSurface,
-    calibration: RigCalibration,
+    rig: PreparedRig,
     settings: MeasureSettings,
 ) -> WheelMeasurement | Refusal:
+    """Ask whether the surface is a wheel before intact heads, and take its angles from it."""
     fit, pool = surface.fit, surface.points
     numbers, weights, misfit = head_sums(pool.head, len(matched), fit.weights, fit.residuals)
-    wrong = _too_few(numbers, matched, calibration, settings)
+    wrong = _too_few(numbers, matched, rig, settings)
     if wrong is not None:
         return wrong
     rms = math.sqrt(misfit.sum() / weights.sum())
@@ -219,58 +226,37 @@ def _evaluate(
             "check the calibration and what stands in front of the heads",
         )
     moves = head_moves(pool.points, pool.head, len(matched), fit)
-    misfits = moves.misfits()
-    limits = _worst_misfit(calibration) + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
-    worst = int((misfits - limits).argmax())
-    judgement = _judged(lines, matched, surface, moves, rms, calibration)
-    if misfits[worst] > limits[worst]:
-        # What explains all signs is likelier to blame than the head that is off the most.
-        name = calibration.heads[judgement.head if judgement.knocked else worst].name
-        return Refusal(
-            RefusalCode.HEAD_MOVED,
-            f"{name} does not fit the other heads: a movement of whole heads explains "
-            f"{1e3 * misfits[worst]:.0f} µm of the residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
-            "check that it has not been knocked, and calibrate again",
-            name,
-        )
+    judgement = _judged(lines, matched, surface, moves, rms, rig)
+    wrong = _moved(moves, numbers, rms, judgement, rig)
+    if wrong is not None:
+        return wrong
     try:
         normal, covariance, tilt_axes, rms = _plane(surface, rms, len(matched), settings)
     except DegenerateInputError as error:
         return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
-    mean = np.einsum("i,ij->j", fit.weights, pool.points) / fit.weights.sum()
-    centre = fit.centre + float((mean - fit.centre) @ normal) * normal
-    rotation = calibration.vehicle_from_rig.rotation
-    in_vehicle = rotation @ normal
-    try:
-        camber, toe = camber_toe(in_vehicle, calibration.side)
-    except DegenerateInputError:
-        return _outside("its plane does not face the heads")
-    if max(abs(camber), abs(toe)) > settings.maximum_angle:
-        return _outside(
-            f"camber {np.degrees(camber):.2f}°, toe {np.degrees(toe):.2f}°, believable are at most "
-            f"±{np.degrees(settings.maximum_angle):.1f}°"
-        )
-    if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
-        return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
-    by_normal = camber_toe_jacobian(in_vehicle, calibration.side) @ rotation
+    centre = _centre(surface, normal)
+    angles = _angles(normal, centre, rig.calibration, settings)
+    if isinstance(angles, Refusal):
+        return angles
     if judgement.knocked:
-        return _knocked(judgement, calibration)
-    turn = by_normal @ tilt_axes.T
+        return _knocked(judgement, rig)
+    turn = _angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     noise = turn @ covariance @ turn.T
+    common = rig.angle_covariance
     return WheelMeasurement(
-        camber=camber,
-        toe=toe,
-        angle_covariance=noise + _from_calibration(calibration) + judgement.covariance,
+        camber=angles[0],
+        toe=angles[1],
+        angle_covariance=noise + (0.0 if common is None else common) + judgement.covariance,
         normal=normal,
         centre=centre,
         offset_mm=float(centre @ normal),
         points_used=int(np.count_nonzero(fit.weights > 0)),
         residual_rms_mm=rms,
-        heads=_qualities(numbers, weights, misfit, matched, judgement, calibration),
+        heads=_qualities(numbers, weights, misfit, matched, judgement, rig),
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
         knock_evidence=judgement.evidence,
-        warning=_warning(judgement, calibration) if judgement.suspected else None,
+        warning=_warning(judgement, rig) if judgement.suspected else None,
         unseen=_unseen(judgement),
     )
 
@@ -281,25 +267,75 @@ def _judged(
     surface: WheelSurface,
     moves: HeadMoves,
     rms: float,
-    calibration: RigCalibration,
+    rig: PreparedRig,
 ) -> Judgement:
     """Weigh the signs of knocked cameras and mixed pictures."""
-    fit = surface.fit
-    try:
-        model = knock_model(calibration)
-    except DegenerateInputError:  # heads that look elsewhere than at the nominal wheel
+    fit, model = surface.fit, rig.knock_model
+    if model is None:
         return unjudged(len(matched))
+    rows = row_fields(lines, matched, surface.chosen, rig.row_views, fit.height)
+    turn = _angles_by_normal(fit.normal, rig.calibration) @ fit.tilt_axes.T
+    return judge(moves, rms, rows, model, fit.normal, turn)
+
+
+def _moved(
+    moves: HeadMoves, numbers: Array, rms: float, judgement: Judgement, rig: PreparedRig
+) -> Refusal | None:
+    """Refuse a head whose patch would fit better elsewhere by more than noise and calibration explain."""
+    misfits = moves.misfits()
+    limits = rig.worst_misfit + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
+    worst = int((misfits - limits).argmax())
+    if misfits[worst] <= limits[worst]:
+        return None
+    # What explains all signs is likelier to blame than the head that is off the most.
+    name = rig.heads[judgement.head if judgement.knocked else worst].name
+    return Refusal(
+        RefusalCode.HEAD_MOVED,
+        f"{name} does not fit the other heads: a movement of whole heads explains "
+        f"{1e3 * misfits[worst]:.0f} µm of the residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
+        "check that it has not been knocked, and calibrate again",
+        name,
+    )
+
+
+def _centre(surface: WheelSurface, normal: Array) -> Array:
+    """(3,) where the axis meets the mean height of the points, rig frame, millimetres."""
+    fit = surface.fit
+    mean = np.einsum("i,ij->j", fit.weights, surface.points.points) / fit.weights.sum()
+    out: Array = fit.centre + float((mean - fit.centre) @ normal) * normal
+    return out
+
+
+def _angles(
+    normal: Array, centre: Array, calibration: RigCalibration, settings: MeasureSettings
+) -> tuple[float, float] | Refusal:
+    """Camber and toe of a plane, radians, or why it is none inside the measuring volume."""
+    try:
+        camber, toe = camber_toe(calibration.vehicle_from_rig.rotation @ normal, calibration.side)
+    except DegenerateInputError:
+        return _outside("its plane does not face the heads")
+    if max(abs(camber), abs(toe)) > settings.maximum_angle:
+        return _outside(
+            f"camber {np.degrees(camber):.2f}°, toe {np.degrees(toe):.2f}°, believable are at most "
+            f"±{np.degrees(settings.maximum_angle):.1f}°"
+        )
+    if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
+        return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
+    return camber, toe
+
+
+def _angles_by_normal(normal: Array, calibration: RigCalibration) -> Array:
+    """(2, 3) change of camber and toe by a change of the normal, rig frame."""
     rotation = calibration.vehicle_from_rig.rotation
-    by_normal = camber_toe_jacobian(rotation @ fit.normal, calibration.side) @ rotation
-    rows = row_fields(lines, matched, surface.chosen, calibration.heads, fit.height)
-    return judge(moves, rms, rows, model, fit.normal, by_normal @ fit.tilt_axes.T)
+    out: Array = camber_toe_jacobian(rotation @ normal, calibration.side) @ rotation
+    return out
 
 
 def _too_few(
-    numbers: Array, matched: list[Candidates], calibration: RigCalibration, settings: MeasureSettings
+    numbers: Array, matched: list[Candidates], rig: PreparedRig, settings: MeasureSettings
 ) -> Refusal | None:
     """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
-    for number, candidates, head in zip(numbers, matched, calibration.heads, strict=True):
+    for number, candidates, head in zip(numbers, matched, rig.heads, strict=True):
         count = int(number)
         if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
             return Refusal(
@@ -341,10 +377,10 @@ def _qualities(
     misfit: Array,
     matched: list[Candidates],
     judgement: Judgement,
-    calibration: RigCalibration,
+    rig: PreparedRig,
 ) -> tuple[HeadQuality, ...]:
     out = []
-    for k, (candidates, head) in enumerate(zip(matched, calibration.heads, strict=True)):
+    for k, (candidates, head) in enumerate(zip(matched, rig.heads, strict=True)):
         row, sigma = float(judgement.row_px[k]), float(judgement.row_sigma_px[k])
         out.append(
             HeadQuality(
@@ -375,8 +411,8 @@ def _unseen(judgement: Judgement) -> tuple[float, float] | None:
     return camber, toe
 
 
-def _knocked(judgement: Judgement, calibration: RigCalibration) -> Refusal:
-    name = calibration.heads[judgement.head].name
+def _knocked(judgement: Judgement, rig: PreparedRig) -> Refusal:
+    name = rig.heads[judgement.head].name
     return Refusal(
         RefusalCode.HEAD_MOVED,
         f"{name} does not fit its calibration and the other heads: a movement of {judgement.suspect} would "
@@ -386,38 +422,13 @@ def _knocked(judgement: Judgement, calibration: RigCalibration) -> Refusal:
     )
 
 
-def _warning(judgement: Judgement, calibration: RigCalibration) -> str:
+def _warning(judgement: Judgement, rig: PreparedRig) -> str:
     camber, toe = (60.0 * math.degrees(angle) for angle in judgement.angles)
     return (
-        f"{calibration.heads[judgement.head].name} is suspect: a movement of {judgement.suspect} would "
+        f"{rig.heads[judgement.head].name} is suspect: a movement of {judgement.suspect} would "
         f"explain the shot ({_seen(judgement)}) and change camber by {camber:+.2f}′ and toe by {toe:+.2f}′, "
         "which the uncertainty covers; check the calibration"
     )
-
-
-@lru_cache(maxsize=16)
-def _image_axes(calibration: RigCalibration) -> Array:
-    """(H, 3, 2) directions of the rows and columns of the heads' left images, rig frame."""
-    return np.array([head.left.rig_from_camera.rotation[:, :2] for head in calibration.heads])
-
-
-@lru_cache(maxsize=16)
-def _from_calibration(calibration: RigCalibration) -> Array:
-    """(2, 2) covariance of the angles by that of the cameras, on a nominal wheel; zero where it is unknown.
-
-    The share of a calibration hardly depends on the wheel, so it is computed once for each.
-    """
-    if calibration.covariance is None:
-        return np.zeros((2, 2))
-    return angle_covariance(calibration)
-
-
-@lru_cache(maxsize=16)
-def _worst_misfit(calibration: RigCalibration) -> float:
-    """Largest misfit of a head, millimetres, were there no noise; computed once for each calibration."""
-    if calibration.covariance is None:
-        return _UNSTATED_MISFIT
-    return _LEAST_MISFIT + _DEVIATIONS * float(predicted_misfits(calibration).max())
 
 
 def _rms(plane: PlaneFit) -> float:

@@ -8,15 +8,15 @@ from hashlib import blake2b
 
 import numpy as np
 
-from alignment.calibration.prediction import angle_covariance
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration, StereoImages
 from alignment.wheel.spin import SpinMeasurement, fit_spin_axis
 
 
 def measure_spin(
     shots: Iterable[Sequence[StereoImages]],
-    calibration: RigCalibration,
+    calibration: RigCalibration | PreparedRig,
     settings: MeasureSettings,
     shot_done: Callable[[], None] = lambda: None,
 ) -> SpinMeasurement | Refusal:
@@ -28,7 +28,7 @@ def measure_spin(
         At least eight, over a full turn if possible, at least over 120°; images as `measure_wheel` takes
         them. Each is let go once measured, so a generator keeps one in memory.
     calibration, settings
-        As `measure_wheel` takes them.
+        As `measure_wheel` takes them; a plain calibration is prepared once for all shots.
     shot_done
         Called after each shot.
 
@@ -38,6 +38,7 @@ def measure_spin(
         The refusal of a single shot names it: a wheel that is seen only now and then is not guessed at.
         Otherwise as `fit_spin_axis`.
     """
+    rig = PreparedRig.of(calibration, settings)
     measurements = []
     seen: dict[bytes, int] = {}
     for number, images in enumerate(shots, start=1):
@@ -47,13 +48,12 @@ def measure_spin(
                 RefusalCode.WRONG_IMAGES,
                 f"shots {first} and {number} are the same images; give each shot of the turning wheel once",
             )
-        found = measure_wheel(images, calibration, settings)
+        found = measure_wheel(images, rig, settings)
         if isinstance(found, Refusal):
             return replace(found, reason=f"shot {number}: {found.reason}")
         measurements.append(found)
         shot_done()
-    common = None if calibration.covariance is None else angle_covariance(calibration)
-    return fit_spin_axis(measurements, calibration.side, common)
+    return fit_spin_axis(measurements, rig.calibration.side, rig.angle_covariance)
 
 
 def _digest(images: Sequence[StereoImages]) -> bytes:

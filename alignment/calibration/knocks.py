@@ -8,7 +8,7 @@ nominal wheel, once for each calibration.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from alignment.calibration.prediction import (
     wheel_points,
 )
 from alignment.calibration.row_equations import camera_rows
-from alignment.stereo.rows import TERMS, row_view
+from alignment.stereo.rows import TERMS, RowView
 from alignment.values import SIDES, HeadCalibration, RigCalibration
 from alignment.wheel.agreement import MOVES
 
@@ -72,9 +72,8 @@ class KnockModel:
         return np.hstack([knock.signs for knock in self.knocks])
 
 
-@lru_cache(maxsize=16)
 def knock_model(calibration: RigCalibration) -> KnockModel:
-    """Predict the signs of a rig; computed once for each calibration.
+    """Predict the signs of a rig.
 
     Raises
     ------
@@ -120,7 +119,7 @@ def _head_response(head: HeadCalibration, points: Array) -> tuple[Array, Array, 
     # Of the four coordinates of a pair of pixels three tell the point; the fourth is the row difference.
     across = np.linalg.svd(by_point)[0][:, :, 3]
     across /= np.linalg.norm(across[:, :2], axis=1, keepdims=True)
-    view = row_view(head)
+    view = RowView.of(head)
     down = np.einsum("nea,a->ne", by_point[:, :2], view.frame.rectified_from_rig[1])
     across *= np.sign(np.einsum("ne,ne->n", across[:, :2], down))[:, None]
     differences = -np.einsum("ne,nep->np", across, by_camera)

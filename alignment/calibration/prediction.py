@@ -113,7 +113,7 @@ def predicted_misfits(calibration: RigCalibration, wheel: NominalWheel | None = 
     """
     head, heights, design, solution = _response(calibration, wheel or NominalWheel())
     left = heights - design @ solution
-    variance = np.einsum("np,pq,nq->n", left, _covariance(calibration), left)
+    variance = np.einsum("np,np->n", left @ _covariance(calibration), left)
     # Rounding may leave a variance of nothing below zero.
     out: Array = np.sqrt(np.bincount(head, np.maximum(variance, 0.0)) / np.bincount(head))
     return out

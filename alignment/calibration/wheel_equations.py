@@ -20,7 +20,7 @@ from alignment.calibration.prediction import line_sensitivity, profile_basis
 from alignment.calibration.row_equations import Equations, camera_rows, compressed
 from alignment.errors import DegenerateInputError
 from alignment.robust import deviation_of
-from alignment.stereo.correspondence import Candidates, match_heads, match_lines
+from alignment.stereo.correspondence import Candidates, StereoGeometry, match_heads, match_lines
 from alignment.stereo.surface import nearest_candidates, plane_hypotheses
 from alignment.values import MeasureSettings, RigCalibration
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
@@ -110,9 +110,8 @@ def wheel_base(
     if len(lines) < len(wheel) or len(wheel) < 3:
         return None
     others = [k for k in range(len(wheel)) if k != moved]
-    matched = match_heads(
-        [lines[k] for k in others], [calibration.heads[k] for k in others], settings.depth_range_mm
-    )
+    geometry = StereoGeometry.of([calibration.heads[k] for k in others])
+    matched = match_heads([lines[k] for k in others], geometry, settings.depth_range_mm)
     if min(len(candidates.points) for candidates in matched) < settings.minimum_points:
         return None
     fit = _surface(matched, settings)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -240,8 +239,24 @@ def _match_all(
 
 
 @dataclass(frozen=True, eq=False)
-class _Geometry:
-    """Tables of the heads' cameras, as the kernels want them; by image or by head."""
+class StereoGeometry:
+    """Tables of the cameras of H heads, as the kernels want them; images are left and right of each head.
+
+    Attributes
+    ----------
+    focal
+        (2 H,) focal length of each image, pixels.
+    packed
+        (2 H, …) camera of each image, packed.
+    turns
+        (2 H, 3, 3) rotation from camera to rectified axes of each image.
+    rotations
+        (H, 3, 3) rotation from rectified to rig axes.
+    origins
+        (H, 3) centres of the left cameras, rig frame, millimetres.
+    baselines
+        (H,) distances of the cameras' centres, millimetres.
+    """
 
     focal: Array
     packed: Array
@@ -250,30 +265,36 @@ class _Geometry:
     origins: Array
     baselines: Array
 
+    @classmethod
+    def of(cls, heads: Sequence[HeadCalibration]) -> StereoGeometry:
+        """Build from the posed cameras of the heads.
 
-@lru_cache(maxsize=32)
-def _geometry(heads: tuple[HeadCalibration, ...]) -> _Geometry:
-    frames = [Rectification.of(head.left, head.right) for head in heads]
-    cameras = [camera for head in heads for camera in head.cameras]
-    return _Geometry(
-        focal=np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras]),
-        packed=np.array([camera.model.packed() for camera in cameras]),
-        turns=np.array(
-            [
-                frame.rectified_from_rig @ camera.rig_from_camera.rotation
-                for frame, head in zip(frames, heads, strict=True)
-                for camera in head.cameras
-            ]
-        ),
-        rotations=np.array([frame.rectified_from_rig.T for frame in frames]),
-        origins=np.array([frame.origin for frame in frames]),
-        baselines=np.array([frame.baseline for frame in frames]),
-    )
+        Raises
+        ------
+        DegenerateInputError
+            As `Rectification.of`.
+        """
+        frames = [Rectification.of(head.left, head.right) for head in heads]
+        cameras = [camera for head in heads for camera in head.cameras]
+        return cls(
+            focal=np.array([0.5 * (camera.model.fx + camera.model.fy) for camera in cameras]),
+            packed=np.array([camera.model.packed() for camera in cameras]),
+            turns=np.array(
+                [
+                    frame.rectified_from_rig @ camera.rig_from_camera.rotation
+                    for frame, head in zip(frames, heads, strict=True)
+                    for camera in head.cameras
+                ]
+            ),
+            rotations=np.array([frame.rectified_from_rig.T for frame in frames]),
+            origins=np.array([frame.origin for frame in frames]),
+            baselines=np.array([frame.baseline for frame in frames]),
+        )
 
 
 def match_heads(
     lines: Sequence[tuple[LightLines, LightLines]],
-    heads: Sequence[HeadCalibration],
+    geometry: StereoGeometry,
     depth_range: tuple[float, float],
 ) -> list[Candidates]:
     """Intersect the epipolar line of every left line point with every right line, for every head.
@@ -282,8 +303,8 @@ def match_heads(
     ----------
     lines
         Light lines of the left and the right image of each head.
-    heads
-        Their posed cameras.
+    geometry
+        Of their posed cameras.
     depth_range
         Lowest and highest z of the surface, rig frame, millimetres.
 
@@ -292,16 +313,16 @@ def match_heads(
     list of Candidates
         All intersections inside the depth range; a point may have several, or none.
     """
-    geometry = _geometry(tuple(heads))
+    heads = len(geometry.baselines)
     every = [each for pair in lines for each in pair]
     numbers = [len(each.points) for each in every]
     capacity = 4 * max(numbers) + 1024
-    points, rays = np.empty((len(heads), capacity, 3)), np.empty((len(heads), capacity, 3))
-    sigma, spread = np.empty((2, len(heads), capacity))
-    light = np.empty((len(heads), capacity, 3))
+    points, rays = np.empty((heads, capacity, 3)), np.empty((heads, capacity, 3))
+    sigma, spread = np.empty((2, heads, capacity))
+    light = np.empty((heads, capacity, 3))
     widths = np.array([each.width for each in every]) / geometry.focal
-    indices = np.empty((len(heads), 3, capacity), np.int64)
-    counts = np.zeros((len(heads), 2), np.int64)
+    indices = np.empty((heads, 3, capacity), np.int64)
+    counts = np.zeros((heads, 2), np.int64)
     _match_all(
         np.concatenate([each.points for each in every]),
         np.concatenate([each.starts for each in every]),
@@ -347,4 +368,4 @@ def match_lines(
     left: LightLines, right: LightLines, head: HeadCalibration, depth_range: tuple[float, float]
 ) -> Candidates:
     """Candidates of one head; see `match_heads`."""
-    return match_heads([(left, right)], [head], depth_range)[0]
+    return match_heads([(left, right)], StereoGeometry.of([head]), depth_range)[0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from alignment.arrays import Array, Index
@@ -15,7 +13,6 @@ _STEP = 16  # pixels between the probed ones
 _MARGIN = 48  # pixels that a search needs around the part, for its filters
 
 
-@lru_cache(maxsize=32)
 def shared_views(calibration: RigCalibration, depth_range: tuple[float, float]) -> Index:
     """Columns and rows (2 × heads, 4) of the part of each image whose points the head's other camera may see.
 

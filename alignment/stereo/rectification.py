@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -133,7 +132,6 @@ def rectify(pixels: Array, packed: Array, turn: Array, out: Array) -> int:
     return bad
 
 
-@lru_cache(maxsize=32)
 def epipolar_directions(calibration: RigCalibration) -> Array:
     """Unit directions (2 × heads, 2) of the epipolar lines in the middle of each image, left before right."""
     out = []

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from alignment.values import HeadCalibration
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-__all__ = ["TERMS", "RowFields", "RowView", "fitted_fields", "row_fields", "row_view"]
+__all__ = ["TERMS", "RowFields", "RowView", "RowViews", "fitted_fields", "row_fields"]
 
 _FARTHEST_ROW = 25.0  # pixels that a partner may be off its row; lines stand farther apart
 _FARTHEST_MM = 3.0  # from the wheel's surface
@@ -109,39 +108,41 @@ class RowView:
         return np.column_stack([np.ones(len(u)), u, v, u * v, v * v])
 
 
-@lru_cache(maxsize=64)
-def row_view(head: HeadCalibration) -> RowView:
-    """As `RowView.of`, computed once for each head."""
-    return RowView.of(head)
-
-
 @dataclass(frozen=True, eq=False)
-class _Views:
-    """Row views of a rig's heads, as the kernels want them."""
+class RowViews:
+    """How the rows of the heads of a rig are looked at.
+
+    Attributes
+    ----------
+    each
+        Of each head.
+    geometry
+        The same as tables by head, in the order in which the kernels want them.
+    """
 
     each: tuple[RowView, ...]
     geometry: tuple[Array, Array, Array, Array, Array, Array]
 
-
-@lru_cache(maxsize=32)
-def _views(heads: tuple[HeadCalibration, ...]) -> _Views:
-    views = tuple(row_view(head) for head in heads)
-    geometry = (
-        np.array([view.frame.rectified_from_rig for view in views]),
-        np.array([view.frame.origin for view in views]),
-        np.array([view.frame.baseline for view in views]),
-        np.array([view.middle for view in views]),
-        np.array([view.half for view in views]),
-        np.array([view.focal for view in views]),
-    )
-    return _Views(views, geometry)
+    @classmethod
+    def of(cls, heads: Sequence[HeadCalibration]) -> RowViews:
+        """Build from the cameras of the heads."""
+        views = tuple(RowView.of(head) for head in heads)
+        geometry = (
+            np.array([view.frame.rectified_from_rig for view in views]),
+            np.array([view.frame.origin for view in views]),
+            np.array([view.frame.baseline for view in views]),
+            np.array([view.middle for view in views]),
+            np.array([view.half for view in views]),
+            np.array([view.focal for view in views]),
+        )
+        return cls(views, geometry)
 
 
 def row_fields(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: Sequence[Candidates],
     chosen: NDArray[np.bool_],
-    heads: Sequence[HeadCalibration],
+    views: RowViews,
     height: Callable[[Array], Array],
 ) -> RowFields:
     """Row differences of one shot.
@@ -157,15 +158,14 @@ def row_fields(
         Candidates of each head, from these lines.
     chosen
         (N,) which of all heads' candidates lie on the wheel.
-    heads
-        Their cameras.
+    views
+        Of their cameras.
     height
         Heights (N,) above the wheel's surface of points (N, 3), rig frame, millimetres; crosses far from it
         are none of the wheel, or no pair.
     """
-    views = _views(tuple(heads))
     places = np.empty((sum(len(left.crosses.points) for left, _ in lines), 4))
-    bounds = np.zeros(len(heads) + 1, np.int64)
+    bounds = np.zeros(len(views.each) + 1, np.int64)
     first = 0
     for k, ((left, right), candidates, view) in enumerate(zip(lines, matched, views.each, strict=True)):
         last = first + len(candidates.points)

@@ -11,10 +11,10 @@ from uuid import uuid4
 import numpy as np
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
-from alignment.calibration.prediction import angle_covariance
 from alignment.errors import ConfigurationError, Deed, DegenerateInputError, Remedy
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
+from alignment.prepared import PreparedRig
 from alignment.units import in_arcminutes
 from alignment.values import MeasureSettings, Refusal, RigCalibration
 from db.records import ZeroRecord
@@ -70,10 +70,9 @@ def measure_zero(
         )
     recorded = [read_shot(shot, calibration) for shot in shots]
     images = [shot.images for shot in recorded]
+    rig = PreparedRig.of(calibration, settings)
     found = (
-        measure_wheel(images[0], calibration, settings)
-        if len(images) == 1
-        else measure_spin(images, calibration, settings)
+        measure_wheel(images[0], rig, settings) if len(images) == 1 else measure_spin(images, rig, settings)
     )
     if isinstance(found, Refusal):
         return found
@@ -89,8 +88,8 @@ def measure_zero(
     if off > largest and forced_reason is None:
         raise _unbelievable((found.camber, found.toe), master, largest)
     covariance = found.angle_covariance + master.u**2 * np.eye(2)
-    if calibration.covariance is not None:
-        covariance = covariance - angle_covariance(calibration)
+    if rig.angle_covariance is not None:
+        covariance = covariance - rig.angle_covariance
     camber_u, toe_u = (float(u) for u in np.sqrt(np.diag(covariance)))
     return ZeroRecord(
         id=f"zero-{calibration.rig}-{uuid4().hex[:12]}",

@@ -12,6 +12,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
 from alignment.errors import TruewheelError
+from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
     Refusal,
@@ -25,9 +26,7 @@ from sensors.shot import WheelShot
 from station.cycle.words import ErrorCode
 from station.cycle.zero import correction_of
 
-MeasureFunction = Callable[
-    [Sequence[StereoImages], RigCalibration, MeasureSettings], WheelMeasurement | Refusal
-]
+MeasureFunction = Callable[[Sequence[StereoImages], PreparedRig, MeasureSettings], WheelMeasurement | Refusal]
 
 
 _LOG = logging.getLogger("truewheel.station")
@@ -193,6 +192,8 @@ class WheelPosition:
         self.in_force = in_force
         self._measure = measure
         self._settings = settings
+        # What follows from the calibration alone is computed once, and goes when this position does.
+        self._known_rig = PreparedRig.of(in_force.calibration, settings)
         self._shoot_timeout_s = shoot_timeout_s
         self._clock = clock
         self._now = now
@@ -236,7 +237,7 @@ class WheelPosition:
         except TruewheelError as error:
             return self.failed(fault(ErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
         started = self._clock()
-        found = self._measure(shot.images, calibration, self._settings)
+        found = self._measure(shot.images, self._known_rig, self._settings)
         zero = self._zero(zeros)
         if zero is not None and isinstance(found, WheelMeasurement):
             found = correction_of(zero, calibration.side).corrected(found)

@@ -30,6 +30,7 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
@@ -152,17 +153,17 @@ def median_ms(action: Callable[[], object], repeats: int) -> float:
     return statistics.median(times) * 1e3
 
 
-def _milliseconds(images: Sequence[StereoImages], calibration: RigCalibration, repeats: int) -> list[float]:
+def _milliseconds(images: Sequence[StereoImages], rig: PreparedRig, repeats: int) -> list[float]:
     """Wall times of measurements."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
-        measure_wheel(images, calibration, MeasureSettings())
+        measure_wheel(images, rig, MeasureSettings())
         times.append(1e3 * (time.perf_counter() - start))
     return times
 
 
-def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats: int) -> dict[str, float]:
+def _stages(images: Sequence[StereoImages], rig: PreparedRig, repeats: int) -> dict[str, float]:
     """Median wall time of each stage, milliseconds; the clocks stay, so this comes last."""
     spent: dict[str, list[float]] = {stage: [] for stage in TIMED_STAGES}
 
@@ -180,7 +181,7 @@ def _stages(images: Sequence[StereoImages], calibration: RigCalibration, repeats
     for _ in range(repeats):
         for times in spent.values():
             times.append(0.0)
-        measure_wheel(images, calibration, MeasureSettings())
+        measure_wheel(images, rig, MeasureSettings())
     return {stage: statistics.median(times) for stage, times in spent.items()}
 
 
@@ -191,21 +192,22 @@ def measure_alone() -> None:
     lines of JSON.
     """
     images, calibration, warm_up_s, rewarm_up_s = pickle.load(sys.stdin.buffer)
+    rig = PreparedRig.of(calibration, MeasureSettings())
 
     def warm(seconds: float) -> None:
         end = time.perf_counter() + seconds
         while time.perf_counter() < end:
-            measure_wheel(images, calibration, MeasureSettings())
+            measure_wheel(images, rig, MeasureSettings())
 
     warm(warm_up_s)
     rounds, repeats = 0, 1
     for line in sys.stdin.buffer:
         rounds, repeats = rounds + 1, int(line)
         warm(rewarm_up_s)
-        sys.stdout.write(json.dumps(_milliseconds(images, calibration, repeats)) + "\n")
+        sys.stdout.write(json.dumps(_milliseconds(images, rig, repeats)) + "\n")
         sys.stdout.flush()
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    stages = _stages(images, calibration, rounds * repeats)
+    stages = _stages(images, rig, rounds * repeats)
     sys.stdout.write(json.dumps({"peak_mb": peak_mb, "stages": stages}))
 
 

@@ -19,6 +19,7 @@ from alignment.arrays import Array
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import (
     HeadCalibration,
@@ -259,29 +260,27 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
     rig = study_rig("standard", seed)
     progress(0.0, "plate")
-    calibration = calibrate_from_plate(rig, seed)
-    result = run_shots(QUICK_SHOTS if quick else SHOTS, rig, calibration, seed, progress)
+    known = PreparedRig.of(calibrate_from_plate(rig, seed), MeasureSettings())
+    result = run_shots(QUICK_SHOTS if quick else SHOTS, rig, known, seed, progress)
     if quick:
         return result
     scene, mixed = mixtures(rig, seed)
-    return with_mixtures(result, [mixture_row(k, each, scene, calibration) for k, each in enumerate(mixed)])
+    return with_mixtures(result, [mixture_row(k, each, scene, known) for k, each in enumerate(mixed)])
 
 
-def run_shots(
-    count: int, rig: StudyRig, calibration: RigCalibration, seed: int, progress: Progress
-) -> StudyResult:
+def run_shots(count: int, rig: StudyRig, known: PreparedRig, seed: int, progress: Progress) -> StudyResult:
     """Run the study with a number of shots."""
     rows: list[Row] = []
     for k in range(count):
         progress((k + 1) / (count + 1), f"shot {k + 1} of {count}")
         shot = degraded_shot(rig, seed, k)
-        rows.append(table_row(k, shot, calibration))
+        rows.append(table_row(k, shot, known))
     return summarise(rows)
 
 
-def table_row(number: int, shot: DegradedShot, calibration: RigCalibration) -> Row:
+def table_row(number: int, shot: DegradedShot, known: PreparedRig) -> Row:
     """Measure a shot: a row of the table."""
-    result = measure_wheel(shot.images, calibration, MeasureSettings())
+    result = measure_wheel(shot.images, known, MeasureSettings())
     accepted = isinstance(result, WheelMeasurement)
     errors = errors_arcmin(result, shot.scene) if isinstance(result, WheelMeasurement) else None
     stated = (

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from alignment.arrays import Array, Index
 from alignment.imaging.lines import LightLines, extract_many
-from alignment.stereo.correspondence import match_heads
+from alignment.stereo.correspondence import StereoGeometry, match_heads
 from alignment.stereo.rectification import epipolar_directions
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings
@@ -86,9 +86,8 @@ def _wheel_points(
     pictures = exposed(lights(scene, rig.true), scene, rng)
     found = extract_many([i for p in pictures for i in (p.left, p.right)], epipolar_directions(rig.true))
     lines: list[LightLines] = [each for each in found if each is not None]
-    matched = match_heads(
-        list(zip(lines[::2], lines[1::2], strict=True)), rig.true.heads, MeasureSettings().depth_range_mm
-    )
+    pairs = list(zip(lines[::2], lines[1::2], strict=True))
+    matched = match_heads(pairs, StereoGeometry.of(rig.true.heads), MeasureSettings().depth_range_mm)
     first = np.cumsum([0, *(int(c.left_line.max()) + 1 for c in matched)])
     points = np.concatenate([c.points for c in matched])
     sigma = np.concatenate([c.sigma for c in matched])

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
-from alignment.values import Image, MeasureSettings, RigCalibration, StereoImages, WheelMeasurement
+from alignment.values import Image, MeasureSettings, StereoImages, WheelMeasurement
 from sensors.simulation.scene import WheelPose, WheelScene, draw_scene
 from station.figures import Row
 from station.studies.wheels import StudyRig, errors_arcmin, exposed, lights
@@ -148,9 +149,9 @@ def mixtures(
     return scenes["now"], out
 
 
-def mixture_row(number: int, mixture: Mixture, scene: WheelScene, calibration: RigCalibration) -> Row:
+def mixture_row(number: int, mixture: Mixture, scene: WheelScene, known: PreparedRig) -> Row:
     """Measure a mixture: a row of the table."""
-    result = measure_wheel(mixture.images, calibration, MeasureSettings())
+    result = measure_wheel(mixture.images, known, MeasureSettings())
     row: Row = {
         "mixture": number,
         "kind": mixture.name,

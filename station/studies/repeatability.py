@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, WheelMeasurement
 from sensors.simulation.scene import draw_pose, draw_scene
@@ -33,10 +34,12 @@ def run_repeats(count: int, seed: int, progress: Progress) -> StudyResult:
     rng = np.random.default_rng([seed, 4])
     wheel = draw_scene(rig.spec, rig.side, draw_pose(rng, CAMBER, TOE), rng, seed=seed)
     rows: list[Row] = []
+    settings = MeasureSettings()
+    known = PreparedRig.of(rig.true, settings)
     for k in range(count):
         progress(k / count, f"repeat {k + 1} of {count}")
         scene = replace(wheel, pose=draw_pose(rng, CAMBER, TOE))
-        result = measure_wheel(exposed(lights(scene, rig.true), scene, rng), rig.true, MeasureSettings())
+        result = measure_wheel(exposed(lights(scene, rig.true), scene, rng), known, settings)
         if not isinstance(result, WheelMeasurement):
             raise DegenerateInputError(field=f"repeat {k + 1}", expected="a measurement", seen=result.reason)
         camber, toe = errors_arcmin(result, scene)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from alignment.errors import DegenerateInputError
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
+from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel.spin import SpinMeasurement
@@ -119,7 +120,7 @@ class CalibratedRig:
 
 Calibrate = Callable[[Case, int, Progress], CalibratedRig]
 Measure = Callable[
-    [Sequence[StereoImages], RigCalibration, MeasureSettings],
+    [Sequence[StereoImages], PreparedRig, MeasureSettings],
     WheelMeasurement | Refusal,
 ]
 
@@ -182,6 +183,9 @@ def measure_poses(
         When a wheel is refused by another method than that of the ridges.
     """
     rig, what = known.rig, f"{case.rig}, {case.tyre}"
+    settings = MeasureSettings()
+    rigs = {by: PreparedRig.of(calibration, settings) for by, calibration in known.calibrations.items()}
+    true = PreparedRig.of(rig.true, settings)
     rng = np.random.default_rng([seed, 3])
     readings = []
     for k, (camber, toe) in enumerate(wanted):
@@ -191,9 +195,9 @@ def measure_poses(
         light = lights(scene, rig.true)
 
         def read(
-            by: str, images: Sequence[StereoImages], calibration: RigCalibration, settings: MeasureSettings
+            by: str, images: Sequence[StereoImages], cameras: PreparedRig, settings: MeasureSettings
         ) -> Reading | None:
-            result = measure(images, calibration, settings)
+            result = measure(images, cameras, settings)
             if not isinstance(result, WheelMeasurement):
                 if settings.method == RIDGES:
                     return None
@@ -206,12 +210,12 @@ def measure_poses(
             return Reading(by, camber, toe, *errors_arcmin(result, scene), *map(float, u))  # noqa: B023
 
         # Each calibration gets pictures of its own: the same light, noise drawn anew.
-        for by, calibration in known.calibrations.items():
+        for by, cameras in rigs.items():
             images = exposed(light, scene, rng)
-            found = [read(by, images, calibration, MeasureSettings())]
+            found = [read(by, images, cameras, settings)]
             if by == "1":
-                found.append(read(TRUE, images, rig.true, MeasureSettings()))
-                found.append(read(RIDGES, images, calibration, MeasureSettings(method="ridges")))
+                found.append(read(TRUE, images, true, settings))
+                found.append(read(RIDGES, images, cameras, replace(settings, method="ridges")))
             readings += [reading for reading in found if reading is not None]
     return readings
 

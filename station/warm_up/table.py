@@ -78,21 +78,21 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
         ),
-        "alignment.wheel.judgement_kernels.evidences": (
+        "alignment.calibration.judgement_kernels.evidences": (
             "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
-        "alignment.wheel.judgement_kernels.patch_signs": (
+        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.calibration.judgement_kernels.patch_signs": (
             "float64[:, ::1]; float64[::1]; float64; float64[::1]",
         ),
-        "alignment.wheel.judgement_kernels.row_figures": (
+        "alignment.calibration.judgement_kernels.row_figures": (
             "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.together": (
+        "alignment.calibration.judgement_kernels.together": (
             "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
-        "alignment.wheel.judgement_kernels.whitened": (
+        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.calibration.judgement_kernels.whitened": (
             "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
@@ -158,21 +158,21 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
         ),
-        "alignment.wheel.judgement_kernels.evidences": (
+        "alignment.calibration.judgement_kernels.evidences": (
             "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
-        "alignment.wheel.judgement_kernels.patch_signs": (
+        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.calibration.judgement_kernels.patch_signs": (
             "float64[:, ::1]; float64[::1]; float64; float64[::1]",
         ),
-        "alignment.wheel.judgement_kernels.row_figures": (
+        "alignment.calibration.judgement_kernels.row_figures": (
             "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.together": (
+        "alignment.calibration.judgement_kernels.together": (
             "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
         ),
-        "alignment.wheel.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
-        "alignment.wheel.judgement_kernels.whitened": (
+        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.calibration.judgement_kernels.whitened": (
             "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (

@@ -302,7 +302,7 @@ class Bench:
     def _position(self, rig: FakeRig) -> WheelPosition:
         calibration = replace(sample_calibration(rig=rig.name, covariance=False), id=f"cal-{rig.name}")
         in_force = CalibrationInForce(calibration, datetime(2026, 3, 1, tzinfo=UTC), 30.0, {"id": "x"})
-        measure: MeasureFunction = lambda images, known, settings: self._measure(known.rig)  # noqa: E731
+        measure: MeasureFunction = lambda images, known, settings: self._measure(known.calibration.rig)  # noqa: E731
         return WheelPosition(rig, in_force, measure, MeasureSettings(), 1.0, self.clock, lambda: self.today)
 
     def _measure(self, rig: str) -> WheelMeasurement | Refusal:

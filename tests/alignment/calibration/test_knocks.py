@@ -11,7 +11,7 @@ from alignment.calibration.cross_pairs import CrossPairs
 from alignment.calibration.knocks import knock_model
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.calibration.row_equations import row_differences, stepped, with_camera
-from alignment.stereo.rows import TERMS, row_view
+from alignment.stereo.rows import TERMS, RowView
 from alignment.values import RigCalibration
 from alignment.wheel.agreement import MOVES
 from sensors.simulation.rigs import RIG_SPECS, build_rig
@@ -27,7 +27,7 @@ def test_predicted_row_fields_are_those_of_a_moved_camera(rig: RigCalibration, s
     head = rig.heads[1]
     points = wheel_points(head, NominalWheel())
     pairs = CrossPairs(head.left.project(points), head.right.project(points))
-    view = row_view(head)
+    view = RowView.of(head)
     terms = view.terms(view.seen(0, pairs.left))
     knock = knock_model(rig).knocks[3 + side]
     assert knock.name == f"{head.name} {('left', 'right')[side]}"

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from alignment.imaging.lines import LightLines
 from alignment.stereo.correspondence import Candidates
-from alignment.stereo.rows import RowFields, RowView, row_view
-from alignment.values import HeadCalibration
+from alignment.stereo.rows import RowFields, RowView, RowViews
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -24,14 +23,13 @@ def row_fields(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: Sequence[Candidates],
     chosen: NDArray[np.bool_],
-    heads: Sequence[HeadCalibration],
+    views: RowViews,
     height: Callable[[Array], Array],
 ) -> RowFields:
     """As `alignment.stereo.rows.row_fields`."""
     offsets = np.cumsum([0, *(len(candidates.points) for candidates in matched)])
     places, differences = [], []
-    for k, (pair, candidates, head) in enumerate(zip(lines, matched, heads, strict=True)):
-        view = row_view(head)
+    for k, (pair, candidates, view) in enumerate(zip(lines, matched, views.each, strict=True)):
         partners = line_partners(pair, candidates, np.flatnonzero(chosen[offsets[k] : offsets[k + 1]]))
         left, right = cross_partners(pair, partners, view)
         near = np.abs(height(pair_points(view, left, right))) < FARTHEST_MM

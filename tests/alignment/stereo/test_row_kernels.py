@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from alignment.imaging.crosses import Crosses
 from alignment.imaging.lines import LightLines
 from alignment.stereo.correspondence import Candidates
-from alignment.stereo.rows import TERMS, RowFields, fitted_fields, row_fields
+from alignment.stereo.rows import TERMS, RowFields, RowViews, fitted_fields, row_fields
 from tests import rendered
 from tests.alignment.stereo import plain_rows
 
@@ -93,7 +93,7 @@ class Shot:
 @settings(max_examples=40)
 def test_crosses_are_paired_as_by_plain_arrays(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    heads = rendered.rig().heads
+    views = RowViews.of(rendered.rig().heads)
     sizes = rng.choice([0, 1, 40, 120], 3)
     shots = [Shot.draw(rng, int(crosses), int(rng.choice([0, 300, 900]))) for crosses in sizes]
     level = rng.uniform(-400.0, 400.0)
@@ -105,7 +105,7 @@ def test_crosses_are_paired_as_by_plain_arrays(seed: int) -> None:
         [shot.lines for shot in shots],
         [shot.matched for shot in shots],
         np.concatenate([shot.chosen for shot in shots]),
-        heads,
+        views,
     )
     assert_same(row_fields(*given_shots, height), plain_rows.row_fields(*given_shots, height))
 
@@ -113,12 +113,9 @@ def test_crosses_are_paired_as_by_plain_arrays(seed: int) -> None:
 def test_pairs_of_crosses_are_found_at_all() -> None:
     rng = np.random.default_rng(1)
     shot = Shot.draw(rng, 120, 900)
-    found = row_fields(
-        [shot.lines], [shot.matched], shot.chosen, rendered.rig().heads[:1], lambda p: 0.0 * p[:, 0]
-    )
+    views = RowViews.of(rendered.rig().heads[:1])
+    found = row_fields([shot.lines], [shot.matched], shot.chosen, views, lambda p: 0.0 * p[:, 0])
     assert found.pairs[0] > 60
     nothing = replace(shot, chosen=np.zeros(900, np.bool_))
-    none = row_fields(
-        [nothing.lines], [nothing.matched], nothing.chosen, rendered.rig().heads[:1], lambda p: p[:, 0]
-    )
+    none = row_fields([nothing.lines], [nothing.matched], nothing.chosen, views, lambda p: p[:, 0])
     assert none.pairs[0] == 0

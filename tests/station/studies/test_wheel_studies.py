@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
     Refusal,
@@ -104,7 +105,7 @@ def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
 def test_what_cannot_be_right_is_refused_or_right(
     rig: StudyRig, calibration: RigCalibration, kind: str
 ) -> None:
-    row = table_row(0, degraded_shot(rig, 3, 0, kind), calibration)
+    row = table_row(0, degraded_shot(rig, 3, 0, kind), PreparedRig.of(calibration, MeasureSettings()))
     assert not row["accepted"]
     assert row["refusal"] in {code.value for code in RefusalCode}
 
@@ -134,7 +135,7 @@ def test_method_of_the_ridges_may_refuse_without_ending_the_grid(
     rig: StudyRig, calibration: RigCalibration
 ) -> None:
     def measure(
-        images: Sequence[StereoImages], cameras: RigCalibration, settings: MeasureSettings
+        images: Sequence[StereoImages], cameras: PreparedRig, settings: MeasureSettings
     ) -> WheelMeasurement | Refusal:
         if settings.method == "ridges":
             return Refusal(RefusalCode.TOO_FEW_POINTS, "no ridge")

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.calibration import judgement_kernels as kernels
+from alignment.calibration.judgement_kernels import CLEAR, SUSPECT
 from alignment.calibration.knocks import KnockModel
 from alignment.stereo.rows import RowFields
-from alignment.wheel import judgement_kernels as kernels
 from alignment.wheel.agreement import HeadMoves
-from alignment.wheel.judgement_kernels import CLEAR, SUSPECT
 
 __all__ = ["KNOCKED", "SUSPECT", "Judgement", "judge", "unjudged"]
 

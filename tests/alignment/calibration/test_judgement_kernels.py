@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from alignment import measure
+from alignment.calibration.judgement import Judgement, judge
 from alignment.calibration.knocks import Knock, KnockModel
 from alignment.stereo.rows import TERMS, RowFields
 from alignment.values import MeasureSettings
 from alignment.wheel.agreement import MOVES, HeadMoves
-from alignment.wheel.judgement import Judgement, judge
 from tests import rendered
+from tests.alignment.calibration import plain_judgement
 from tests.alignment.stereo import plain_rows
-from tests.alignment.wheel import plain_judgement
 
 Array = NDArray[np.float64]
 

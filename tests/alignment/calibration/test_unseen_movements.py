@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from alignment.arrays import Array
+from alignment.calibration.judgement import Judgement, judge
 from alignment.calibration.knocks import KnockModel, knock_model
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.stereo.rows import TERMS, RowFields
 from alignment.units import ARCMIN
 from alignment.values import RigCalibration
 from alignment.wheel.agreement import MOVES, HeadMoves
-from alignment.wheel.judgement import Judgement, judge
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from station.studies.knocked import plate_covariance
 

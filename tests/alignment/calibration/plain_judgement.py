@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.calibration.judgement import Judgement, unjudged
 from alignment.calibration.knocks import KnockModel
 from alignment.stereo.rows import TERMS, RowFields
 from alignment.wheel.agreement import MOVES, HeadMoves
-from alignment.wheel.judgement import Judgement, unjudged
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ SIZES = np.array([1.0, 0.25, 0.0625, 0.016])
 def judge(
     moves: HeadMoves, rms: float, rows: RowFields, model: KnockModel, normal: Array, angles_by_tilt: Array
 ) -> Judgement:
-    """As `alignment.wheel.judgement.judge`."""
+    """As `alignment.calibration.judgement.judge`."""
     heads = len(rows.pairs)
     signs, turn, noise, common = plain_signs(moves, rms, rows, heads, normal)
     row_px, row_sigma_px = row_figures(rows, model, heads)
