@@ -1,6 +1,7 @@
 """The read side of the result database: who may only read asks here; see `docs/database.md`."""
 
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Quantity, Shift
+from db.queries.names import KnownNames, known_names, require_known
 from db.queries.reader import ResultReader
 from db.queries.series import ValueSeries, cycle_records, value_series
 from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
@@ -32,6 +33,7 @@ __all__ = [
     "CheckOfStation",
     "Filter",
     "GroupBy",
+    "KnownNames",
     "Quantity",
     "ReasonCount",
     "ResultReader",
@@ -50,8 +52,10 @@ __all__ = [
     "gauge_studies",
     "gauge_study",
     "gauge_value_counts",
+    "known_names",
     "moments",
     "reasons",
+    "require_known",
     "since_last_good_check",
     "station_names",
     "value_series",

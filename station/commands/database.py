@@ -119,6 +119,33 @@ def restore(
 
 
 @db_app.command()
+def show(
+    database: DatabaseOption,
+    newest: Annotated[int, typer.Option(help="How many VINs, the newest.", min=1, max=10_000)] = 20,
+    as_json: JsonFlag = False,
+) -> None:
+    """Show the names that reports and exports can be asked for: stations, types, VINs, characteristics, …"""
+    from db.queries import ResultReader, known_names
+
+    with ResultReader(database) as reader:
+        known = known_names(reader, newest)
+    names = {
+        "stations": known.stations,
+        "plants": known.plants,
+        "vehicle_types": known.vehicle_types,
+        "wheels": known.wheels,
+        "characteristics": tuple(map(str, known.characteristics)),
+        "vins": known.vins,
+    }
+    if as_json:
+        print_json({kind: list(those) for kind, those in names.items()})
+        return
+    for kind, those in names.items():
+        title = f"newest {len(those)} VINs" if kind == "vins" else kind.replace("_", " ")
+        typer.echo(f"{title}: {', '.join(those) or 'none'}")
+
+
+@db_app.command()
 def sums(
     database: DatabaseOption,
     rebuild: Annotated[bool, typer.Option(help="Forget all sums first, and build them again.")] = False,
@@ -232,7 +259,7 @@ def event(
     from datetime import UTC, datetime
 
     from alignment.errors import InputError
-    from db.queries import ResultReader, station_names
+    from db.queries import Filter, ResultReader, require_known
     from db.records import EventRecord, Severity
     from db.store import ResultStore
     from station.quality.periods import read_time
@@ -251,11 +278,7 @@ def event(
         )
     utc = read_time("--time", time) or datetime.now(UTC)
     with ResultReader(database) as reader:
-        known = station_names(reader)
-    if station not in known:
-        raise InputError(
-            field="--station", expected=f"one of {', '.join(known) or 'no station yet'}", seen=ascii(station)
-        )
+        require_known(reader, Filter(stations=(station,)))
     if temperature is not None:
         code, text = TEMPERATURE, f"{temperature:g} °C"
     record = EventRecord(utc, station, Severity.INFO, "command line", code, text or "", value=temperature)

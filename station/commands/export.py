@@ -75,7 +75,7 @@ def export(
     if kind is ExportKind.CERTIFICATE:
         answer = _certificate(database, out, vin, cycle, study)
     else:
-        from db.queries import ResultReader, events
+        from db.queries import ResultReader, events, require_known
         from db.records import Severity
         from station.quality.selection import read_filter, read_zone
 
@@ -83,6 +83,7 @@ def export(
             from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
         )
         with ResultReader(database) as reader:
+            require_known(reader, where)
             rows = _rows(reader, where)
             if kind is ExportKind.AQDEF:
                 from db.exports.aqdef import write_aqdef

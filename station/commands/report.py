@@ -77,7 +77,7 @@ def report(
     """Report on stored results: yield, Pareto, capability, charts, comparisons, drift, one vehicle, …"""
     from datetime import UTC, datetime
 
-    from db.queries import Characteristic, ResultReader
+    from db.queries import Characteristic, ResultReader, require_known
     from station.quality.periods import read_time
     from station.quality.reports.make import ReportOptions, make_report, write_report
     from station.quality.selection import read_filter
@@ -96,6 +96,7 @@ def report(
         read_time("limits until", limits_until),
     )
     with ResultReader(database) as reader:
+        require_known(reader, where, angles)
         found = make_report(reader, kind, where, options, datetime.now(UTC))
     if out is not None:
         write_report(out, found)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from alignment.errors import ConfigurationError
-from db.queries import Characteristic
+from db.queries import Characteristic, Filter, ResultReader, known_names, require_known
 from db.records import GaugeStudyRecord, StudyKind
 from station.quality.gauge.store import plan_study
 
@@ -34,7 +34,7 @@ def plan_from_text(
     ConfigurationError
         For an unknown kind, too few parts, or a certified angle that is missing or no number.
     InputError
-        For a characteristic that is none.
+        For a characteristic that is none, and one or a station that the database does not know.
     StoreError
         When the database fails.
     """
@@ -54,11 +54,18 @@ def plan_from_text(
     if len(names) < least or (study_kind in _ONE_PART and len(names) > 1):
         wanted = "one part" if study_kind in _ONE_PART else f"at least {least} parts"
         raise ConfigurationError(choice="part", expected=wanted, seen=str(len(names)))
+    angle = Characteristic.parse(characteristic)
+    with ResultReader(database) as reader:
+        # A plan is made before its cycles; where nothing was measured yet, any angle may come.
+        measured = known_names(reader).characteristics
+        require_known(
+            reader, Filter(stations=() if station is None else (station,)), (angle,) if measured else ()
+        )
     return plan_study(
         database,
         study_kind,
         name,
-        Characteristic.parse(characteristic),
+        angle,
         names,
         appraisers=appraisers,
         trials=trials,
