@@ -54,18 +54,18 @@ def plan_from_text(
     if len(names) < least or (study_kind in _ONE_PART and len(names) > 1):
         wanted = "one part" if study_kind in _ONE_PART else f"at least {least} parts"
         raise ConfigurationError(choice="part", expected=wanted, seen=str(len(names)))
-    angle = Characteristic.parse(characteristic)
+    wanted_angle = Characteristic.parse(characteristic)
     with ResultReader(database) as reader:
         # A plan is made before its cycles; where nothing was measured yet, any angle may come.
         measured = known_names(reader).characteristics
         require_known(
-            reader, Filter(stations=() if station is None else (station,)), (angle,) if measured else ()
+            reader, Filter(stations=() if station is None else (station,)), (wanted_angle,) if measured else ()
         )
     return plan_study(
         database,
         study_kind,
         name,
-        angle,
+        wanted_angle,
         names,
         appraisers=appraisers,
         trials=trials,
