@@ -11,6 +11,7 @@ import typer
 
 from alignment.units import in_degrees
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_database, ready_file, ready_folder
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
@@ -79,6 +80,9 @@ def calibrate(
     from station.calibration.calibrate import CalibrateSettings, Method, calibrate_session
     from station.calibration.check import accept_calibration
 
+    ready_file(out)
+    ready_folder(report, "report")
+    ready_database(database)
     compiled_for(("calibrate",), as_json)
     settings = CalibrateSettings(Method(method.value), None if model is ModelOption.AUTO else model.value)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())

@@ -12,10 +12,11 @@ from station.commands.calibration_check import check_command
 from station.commands.calibration_frame import frame_command
 from station.commands.calibration_refresh import refresh_command
 from station.commands.output import JsonFlag, print_json
+from station.commands.outputs import ready_file, ready_folder
 from station.commands.wheel import SideOption
 
 if TYPE_CHECKING:
-    from alignment.errors import ConfigurationError
+    pass
 
 calibration_app = typer.Typer(no_args_is_help=True, help="Calibrations of rigs.")
 calibration_app.command("check")(check_command)
@@ -38,18 +39,6 @@ class UnitOption(StrEnum):
     METRE = "m"
 
 
-def _exists(path: Path) -> ConfigurationError:
-    from alignment.errors import ConfigurationError
-
-    return ConfigurationError(
-        file=path,
-        field="--out",
-        expected="a new file",
-        seen="one that is there",
-        cure="Choose another name; what is there is not replaced",
-    )
-
-
 @calibration_app.command("export")
 def export_command(
     calibration: Annotated[Path, typer.Argument(help="Calibration file.", show_default=False)],
@@ -64,9 +53,11 @@ def export_command(
     from sensors.formats import read_calibration
     from sensors.formats.exchange import export_calibration
 
+    if kind is FormatOption.MRCAL:
+        ready_folder(out)
+    else:
+        ready_file(out, new=True)
     known = read_calibration(calibration)
-    if out.exists() and kind is not FormatOption.MRCAL:
-        raise _exists(out)
     export_calibration(out, known, kind)
     cameras = 2 * len(known.heads)
     if as_json:
@@ -106,8 +97,7 @@ def import_command(
     from sensors.formats import write_calibration
     from sensors.formats.exchange import baselines_mm, import_calibration
 
-    if out.exists():
-        raise _exists(out)
+    ready_file(out, new=True)
     imported = import_calibration(
         files,
         kind,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_database
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def check_command(
     from station.calibration.check import CheckLimits, check_folder, store_check
     from station.configuration.settings import read_configuration
 
+    ready_database(database)
     if (camber is None) != (toe is None):
         raise ConfigurationError(
             field="--camber, --toe", expected="both certified angles of a master wheel", seen="only one"

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of_force
+from station.commands.outputs import ready_database, ready_new_folder
 from station.commands.warm_up import compiled_for
 from station.commands.words import remedy_in_commands
 from station.configuration.places import default_config
@@ -55,11 +56,11 @@ def frame_command(
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from sensors.formats import read_gauge_frame
-    from sensors.formats.files import require_new
     from station.calibration.frame import framed_as_json, keep, place_rigs
 
+    ready_new_folder(out)
+    ready_database(database)
     forced_reason = reason_of_force(force, reason, "placing", longest=100)
-    require_new(out)
     compiled_for(("calibrate",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -134,11 +135,10 @@ def simulate_gauge_session_command(
     The calibrations hold the true cameras and the nominal pose of the rig; the truths hold the true pose.
     """
     from sensors.formats import read_gauge_frame
-    from sensors.formats.files import require_new
     from station.rehearsal.gauge_simulation import simulate_gauge_session, write_gauge_session
     from station.rehearsal.simulation import read_simulation
 
-    require_new(out)
+    ready_new_folder(out)
     compiled_for(("plate_images",), as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
     rigs = simulate_gauge_session(read_simulation(config), gauge, seed, askew)

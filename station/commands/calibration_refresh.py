@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_file
 from station.commands.warm_up import compiled_for
 
 
@@ -51,6 +52,7 @@ def refresh_command(
     from station.calibration.refresh import refresh_file, refreshed_as_json
     from station.configuration.settings import read_configuration
 
+    ready_file(out)
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
     compiled_for(("measure_8", "refresh"), as_json)
     done = refresh_file(

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_file
 from station.commands.words import remedy_in_commands
 from station.configuration.places import default_config
 
@@ -92,6 +93,7 @@ def backup(
     """Copy the database as it is now, while stations go on writing."""
     from db.upkeep.backup import backup as make
 
+    ready_file(out, new=True)
     make(database, out)
     size = out.stat().st_size
     if as_json:

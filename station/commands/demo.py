@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_database, ready_folder
 from station.commands.warm_up import compiled_for
 from station.configuration.places import default_config
 
@@ -47,6 +48,8 @@ def demo(
 
     from station.configuration.settings import read_configuration
 
+    ready_folder(out)
+    ready_database(database, create=True)
     folder = out or Path("out") / f"demo-{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))
     compiled_for(("measure_8", "wheel_images"), as_json)

@@ -11,6 +11,7 @@ import typer
 
 from station.commands.database import DatabaseOption
 from station.commands.output import JsonFlag, print_json
+from station.commands.outputs import ready_file
 from station.commands.selection import (
     FromOption,
     PlantOption,
@@ -72,6 +73,7 @@ def export(
     as_json: JsonFlag = False,
 ) -> None:
     """Write results for other programs and for paper; angles in degrees."""
+    ready_file(out)
     if kind is ExportKind.CERTIFICATE:
         answer = _certificate(database, out, vin, cycle, study)
     else:

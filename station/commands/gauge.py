@@ -12,6 +12,7 @@ from alignment.errors import ConfigurationError
 from alignment.statistics.choices import ChartKind, GrrMethod, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_folder
 from station.commands.selection import FromOption, UntilOption
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ def type1_command(
     from station.quality.gauge.analysis import analyse_type1
     from station.quality.gauge.source import open_source
 
+    ready_folder(out)
     source = open_source(
         StudyKind.TYPE1,
         from_file,
@@ -163,6 +165,7 @@ def grr_command(
     from station.quality.gauge.analysis import analyse_grr
     from station.quality.gauge.source import open_source
 
+    ready_folder(out)
     source = open_source(StudyKind.GRR, from_file, database, study, name, unit, {"tolerance": tolerance})
     with source.named_in_errors():
         report = analyse_grr(
@@ -195,6 +198,7 @@ def linearity_command(
     from station.quality.gauge.analysis import analyse_linearity
     from station.quality.gauge.source import open_source
 
+    ready_folder(out)
     source = open_source(StudyKind.LINEARITY, from_file, database, study, name, unit, {})
     with source.named_in_errors():
         report = analyse_linearity(source.rows, confidence=confidence / 100.0, unit=source.unit)
@@ -225,6 +229,7 @@ def stability_command(
     from station.quality.gauge.analysis import analyse_stability
     from station.quality.gauge.source import open_source
 
+    ready_folder(out)
     source = open_source(
         StudyKind.STABILITY, from_file, database, study, name, unit, {"reference": reference}
     )
@@ -289,6 +294,7 @@ def budget_command(
     from station.quality.gauge.budget import collect_components
     from station.quality.gauge.source import GaugeSource
 
+    ready_folder(out)
     given = [str(file) for file in (from_file, type1_file, grr_file) if file is not None]
     source = GaugeSource(", ".join(given), (), unit, {})
     components = collect_components(from_file, type1_file, reference, grr_file, resolution, calibration_u)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_file
 from station.configuration.places import default_config
 
 if TYPE_CHECKING:
@@ -163,6 +164,7 @@ def monitor(
     from station.line.tools.monitor import decoded, live_frames, recorded
     from station.line.wire.bus import open_bus
 
+    ready_file(out)
     configuration = _read(config)
     database = _database(configuration)
     errors, shown, reading = 0, [], None
@@ -216,6 +218,7 @@ def document(
     """Write the description of the line interface, from the DBC and the program's own tables."""
     from station.line.tools.document import interface_document
 
+    ready_file(out)
     out.write_text(interface_document(_database(_read(config))), encoding="utf-8")
     typer.echo(f"wrote {out}")
 

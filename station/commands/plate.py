@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.output import JsonFlag, print_json
+from station.commands.outputs import ready_new_folder
 from station.commands.warm_up import compiled_for
 from station.commands.wheel import SideOption
 from station.configuration.places import default_config
@@ -35,6 +36,7 @@ def simulate_plate_session_command(
     from station.rehearsal.plate_simulation import simulate_session, write_simulated_session
     from station.rehearsal.simulation import read_simulation
 
+    ready_new_folder(out)
     compiled_for(("plate_images",), as_json)
     path = default_config(plate, "plates/rig.toml" if head is None else "plates/head.toml")
     session, truth, calibration = simulate_session(

@@ -10,6 +10,7 @@ import typer
 from alignment.statistics.choices import ChartKind, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import JsonFlag, print_json
+from station.commands.outputs import ready_file
 from station.commands.selection import (
     FromOption,
     PlantOption,
@@ -79,9 +80,12 @@ def report(
 
     from db.queries import Characteristic, ResultReader, require_known
     from station.quality.periods import read_time
-    from station.quality.reports.make import ReportOptions, make_report, write_report
+    from station.quality.reports.make import ReportOptions, make_report, require_ending, write_report
     from station.quality.selection import read_filter
 
+    if out is not None:
+        require_ending(out)
+        ready_file(out)
     where = read_filter(
         from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
     )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
+from station.commands.outputs import ready_new_folder
 from station.commands.warm_up import compiled_for, compiled_for_images
 
 if TYPE_CHECKING:
@@ -176,14 +177,13 @@ def simulate_wheel_command(
 ) -> None:
     """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
     from alignment.errors import ConfigurationError
-    from sensors.formats.files import require_new
     from sensors.simulation.scene import WheelPose
     from station.rehearsal.simulation import read_simulation, simulate_wheel, write_simulated_wheel
 
+    ready_new_folder(out)
     farthest = max(map(abs, offset))
     if not farthest <= 100.0:
         raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
-    require_new(out)
     compiled_for(("wheel_images",), as_json)
     pose = WheelPose(
         camber=math.radians(camber),

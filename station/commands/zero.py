@@ -10,6 +10,7 @@ import typer
 
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of_force
+from station.commands.outputs import ready_database
 from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def measure_command(
     from station.calibration.zero import LARGEST_ZERO, measure_zero
     from station.configuration.settings import read_configuration
 
+    ready_database(database)
     forced_reason = reason_of_force(force, reason, "zero measurement")
     settings, largest = MeasureSettings(), LARGEST_ZERO
     if config is not None:

@@ -59,7 +59,9 @@ def plan_from_text(
         # A plan is made before its cycles; where nothing was measured yet, any angle may come.
         measured = known_names(reader).characteristics
         require_known(
-            reader, Filter(stations=() if station is None else (station,)), (wanted_angle,) if measured else ()
+            reader,
+            Filter(stations=() if station is None else (station,)),
+            (wanted_angle,) if measured else (),
         )
     return plan_study(
         database,

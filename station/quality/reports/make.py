@@ -71,6 +71,18 @@ def make_report(
     return Report(kind, TITLES[kind], in_words(where), reader.where, made_utc, sections)
 
 
+def require_ending(path: Path) -> None:
+    """Refuse a file that no report is written as.
+
+    Raises
+    ------
+    ConfigurationError
+        Names the endings.
+    """
+    if path.suffix.lower() not in (".html", ".pdf"):
+        raise ConfigurationError(choice="out", expected="a name that ends in .html or .pdf", seen=path.name)
+
+
 def write_report(path: Path, report: Report) -> None:
     """Write a report as ``.html`` or ``.pdf``.
 
@@ -81,17 +93,15 @@ def write_report(path: Path, report: Report) -> None:
     OSError
         When the file cannot be written.
     """
-    ending = path.suffix.lower()
-    if ending == ".html":
+    require_ending(path)
+    if path.suffix.lower() == ".html":
         from station.quality.reports.html import write_html
 
         write_html(path, report)
-    elif ending == ".pdf":
+    else:
         from station.quality.reports.pdf import write_pdf
 
         write_pdf(path, report)
-    else:
-        raise ConfigurationError(choice="out", expected="a name that ends in .html or .pdf", seen=path.name)
 
 
 def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: ReportOptions) -> list[Section]:
