@@ -11,7 +11,7 @@ from sqlalchemy import select
 from alignment.errors import InputError
 from db.queries.filters import EVERYTHING, Characteristic, Filter, known_stations, matches
 from db.queries.reader import ResultReader, question
-from db.queries.summed import GroupBy, moments, wheel_counts, yield_counts
+from db.queries.summed import GroupBy, characteristic_moments, wheel_counts, yield_counts
 from db.schema import cycles, plants, rigs, vehicle_type_limits, vehicles
 
 _Names = Callable[[], Iterable[str]]
@@ -159,4 +159,4 @@ def _wheels(reader: ResultReader) -> tuple[str, ...]:
 
 
 def _characteristics(reader: ResultReader) -> tuple[Characteristic, ...]:
-    return tuple(sorted({each.characteristic for each in moments(reader)}))
+    return tuple(sorted({each.characteristic for each in characteristic_moments(reader)}))
