@@ -47,6 +47,7 @@ class Deed(StrEnum):
     REBUILD_SUMS = "Make the sums anew of the results"
     LIST_ZEROS = "See the list of the zero measurements"
     LIST_STUDIES = "See the list of the studies"
+    LIST_DRIVERS = "See the list of the drivers that are installed"
     WARM_UP = "Compile the functions, then try again"
 
 

@@ -118,7 +118,11 @@ def _from_views(data: CalibrationInput, key: CameraKey) -> CameraModel:
 
 def _about(key: CameraKey, error: DegenerateInputError) -> DegenerateInputError:
     return DegenerateInputError(
-        field=f"{key[0]} {key[1]}: {error.field}", expected=error.expected, seen=error.seen, cure=error.cure
+        field=f"{key[0]} {key[1]}: {error.field}",
+        expected=error.expected,
+        seen=error.seen,
+        cure=error.cure,
+        remedy=error.remedy,
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 
-from alignment.errors import ConfigurationError, told
+from alignment.errors import ConfigurationError, Deed, Remedy, told
 from sensors.drivers.driver import CameraDriver, Driver, RigDriver
 
 GROUP = "truewheel.cameras"
@@ -125,13 +125,14 @@ def _described(point: EntryPoint) -> InstalledDriver:
 def _unknown(name: str) -> ConfigurationError:
     names = sorted({point.name for point in _points()})
     close = difflib.get_close_matches(name, names, 1)
-    cure = f"Did you mean '{close[0]}'? " if close else ""
-    cure += "Install the package that brings it; `truewheel camera list` shows those of this environment"
+    meant = f"Did you mean '{close[0]}'? " if close else ""
+    expected, seen = f"an installed camera driver ({', '.join(names) or 'there is none'})", f"'{name}'"
     if not names:
         # Not even those of this program: its metadata are from before it had any.
         cure = "Install truewheel anew, its metadata are older than the program (`make setup` in a checkout)"
-    expected = f"an installed camera driver ({', '.join(names) or 'there is none'})"
-    return ConfigurationError(expected=expected, seen=f"'{name}'", cure=cure)
+        return ConfigurationError(expected=expected, seen=seen, cure=cure)
+    remedy = Remedy(Deed.LIST_DRIVERS, then=f"{meant}Install the package that brings another")
+    return ConfigurationError(expected=expected, seen=seen, remedy=remedy)
 
 
 def _twice(name: str, installed: Sequence[InstalledDriver]) -> ConfigurationError:

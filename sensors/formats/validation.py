@@ -109,7 +109,7 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
         return tomllib.loads(read_bytes(path, kind, TEXT).decode("utf-8-sig"))
     except FormatError as error:
         raise ConfigurationError(
-            file=path, expected=error.expected, seen=error.seen, cure=error.cure
+            file=path, expected=error.expected, seen=error.seen, cure=error.cure, remedy=error.remedy
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigurationError(file=path, expected=f"{kind} in TOML", seen=f"an error: {error}") from error
@@ -150,12 +150,15 @@ def validate(
         details = found.errors(include_url=False)
         deeper = {entry["loc"][:length] for entry in details for length in range(len(entry["loc"]))}
         # A list whose items are wrong is reported once more as too short: the items say why.
-        mistakes = [_mistake(model, entry) for entry in details if entry["loc"] not in deeper]
+        told = [entry for entry in details if entry["loc"] not in deeper]
+        mistakes = [_mistake(model, entry) for entry in told]
     except (ValueError, TypeError, RecursionError) as unusable:
         raise error(file=file, expected="plain values", seen=str(unusable)) from unusable
     of_version = [mistake for mistake in mistakes if mistake[0] == "schema"]
     # A file of another kind or version is wrong in many fields, of which only this one says why.
-    field, expected, seen, hint = (of_version or mistakes)[0]
+    first = (of_version or mistakes)[0]
+    field, expected, seen, hint = first
+    remedy = getattr(told[mistakes.index(first)].get("ctx", {}).get("error"), "remedy", None)
     others = [] if of_version else mistakes[1:]
     sentences = [sentence for sentence in (hint or cure,) if sentence]
     if others:
@@ -166,7 +169,12 @@ def validate(
         more = f"; and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
         sentences.insert(0, f"Also {listed}{more}")
     raise error(
-        file=file, field=field or None, expected=expected, seen=seen, cure=". ".join(sentences) or None
+        file=file,
+        field=field or None,
+        expected=expected,
+        seen=seen,
+        cure=". ".join(sentences) or None,
+        remedy=remedy,
     )
 
 

@@ -22,6 +22,7 @@ COMMANDS = {
     Deed.REBUILD_SUMS: "Run `truewheel db sums --rebuild`",
     Deed.LIST_ZEROS: "`truewheel zero list` shows them",
     Deed.LIST_STUDIES: "See `truewheel gauge list`",
+    Deed.LIST_DRIVERS: "`truewheel camera list` shows those of this environment",
     Deed.WARM_UP: "Run `truewheel warm-up`",
 }
 """How each deed is done with this program."""

@@ -135,7 +135,7 @@ def read_vehicle_types(folder: Path) -> Mapping[int, VehicleType]:
         paths = entries(folder, "*.toml", "vehicle types")
     except FormatError as error:
         raise ConfigurationError(
-            file=folder, expected=error.expected, seen=error.seen, cure=error.cure
+            file=folder, expected=error.expected, seen=error.seen, cure=error.cure, remedy=error.remedy
         ) from error
     if not paths:
         raise ConfigurationError(

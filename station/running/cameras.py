@@ -140,6 +140,7 @@ def _in_driver(configuration: Configuration, index: int) -> Iterator[None]:
             expected=error.expected,
             seen=error.seen,
             cure=error.cure,
+            remedy=error.remedy,
         ) from error
     except TruewheelError:
         raise

@@ -130,7 +130,12 @@ def _entry(data: dict[str, Any], key: str, path: Path) -> _ChainCamera:
     except FormatError as error:
         field = ".".join(part for part in (key, error.field) if part)
         raise FormatError(
-            file=path, field=field, expected=error.expected, seen=error.seen, cure=error.cure
+            file=path,
+            field=field,
+            expected=error.expected,
+            seen=error.seen,
+            cure=error.cure,
+            remedy=error.remedy,
         ) from error
 
 

@@ -78,7 +78,7 @@ def _text(file: Path) -> str:
         data = read_bytes(file, "a DBC", TEXT)
     except FormatError as error:
         raise ConfigurationError(
-            file=file, expected=error.expected, seen=error.seen, cure=error.cure
+            file=file, expected=error.expected, seen=error.seen, cure=error.cure, remedy=error.remedy
         ) from error
     try:
         text = data.decode("cp1252")

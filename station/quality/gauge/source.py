@@ -54,7 +54,12 @@ class GaugeSource:
             yield
         except DegenerateInputError as error:
             raise DegenerateInputError(
-                file=self.name, field=error.field, expected=error.expected, seen=error.seen, cure=error.cure
+                file=self.name,
+                field=error.field,
+                expected=error.expected,
+                seen=error.seen,
+                cure=error.cure,
+                remedy=error.remedy,
             ) from error
 
     def number(self, name: str, given: float | None) -> float | None:
