@@ -22,7 +22,7 @@ SUFFIXES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF"}
 LARGEST_SIDE = 32_768
 _KIND = "an 8- or 16-bit image of one channel, PNG or TIFF"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
-_BITS_PER_SAMPLE, _PHOTOMETRIC, _ORIENTATION = 258, 262, 274
+_BITS_PER_SAMPLE, _PHOTOMETRIC, _ORIENTATION, _SAMPLE_FORMAT = 258, 262, 274, 339
 _BLACK_IS_ZERO = 1
 
 
@@ -133,6 +133,13 @@ def _check_png(path: Path, content: bytes) -> None:
             raise _damaged(path, f"a wrong checksum at byte {position}")
         if kind == b"IHDR":
             _check_depth(path, content[position + 16])
+        if kind == b"tRNS":
+            raise FormatError(
+                file=path,
+                expected="an image without transparency",
+                seen="a grey level that counts as transparent (chunk tRNS)",
+                cure="Save the camera's own grey image",
+            )
         if kind == b"IEND":
             return
         position = end
@@ -143,6 +150,19 @@ def _check_depth(path: Path, bits: int) -> None:
         raise FormatError(file=path, expected=_KIND, seen=f"{bits} bits for each pixel")
 
 
+def _check_samples(path: Path, bits: int, stated: object) -> None:
+    """Refuse numbers of another kind than unsigned, which TIFF states apart from their depth."""
+    kind = stated[0] if isinstance(stated, tuple) and stated else stated
+    if kind not in (1, 4):  # 4 is "nothing said"
+        name = {2: "signed samples", 3: "floating-point samples"}.get(kind if isinstance(kind, int) else 0)
+        raise FormatError(
+            file=path,
+            expected=f"{_KIND}, unsigned",
+            seen=f"{bits}-bit {name or 'samples of another kind'}",
+            cure="Save what the camera counts, from 0 upward",
+        )
+
+
 def _check_kind(path: Path, opened: Pillow.Image) -> None:
     if isinstance(opened, TiffImageFile):
         bits = opened.tag_v2.get(_BITS_PER_SAMPLE, (1,))
@@ -151,6 +171,7 @@ def _check_kind(path: Path, opened: Pillow.Image) -> None:
             raise FormatError(file=path, expected="rows from the top, columns from the left", seen="others")
         if len(bits) == 1:
             _check_depth(path, bits[0])
+            _check_samples(path, bits[0], opened.tag_v2.get(_SAMPLE_FORMAT, (1,)))
             if photometric != _BLACK_IS_ZERO and opened.mode != "P":
                 raise FormatError(file=path, expected="a TIFF in which 0 is black", seen="0 is white")
     if opened.mode not in ("L", "I;16", "I;16B"):

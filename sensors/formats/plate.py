@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -18,6 +16,7 @@ from alignment.arrays import Array, Index, Mask
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
 from alignment.imaging.plate import Plate
+from sensors.formats.csv_table import table_of
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 
@@ -25,10 +24,7 @@ GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
 _Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
 
-_CERTIFICATE_COLUMNS = (
-    ["i", "j", "x_mm", "y_mm", "sigma_mm"],
-    ["i", "j", "x_mm", "y_mm", "z_mm", "sigma_mm"],
-)
+_CERTIFICATE_COLUMNS = ("i", "j", "x_mm", "y_mm", "sigma_mm")
 _LARGEST_SIGMA_MM = 1.0
 
 
@@ -219,7 +215,7 @@ def certified(file: PlateFile, points: Array, sigma_mm: Array, name: str) -> Pla
     name
         File name of the certificate.
     """
-    lines = [",".join(_CERTIFICATE_COLUMNS[1])]
+    lines = [",".join((*_CERTIFICATE_COLUMNS[:4], "z_mm", _CERTIFICATE_COLUMNS[4]))]
     lines += [
         ",".join([str(i), str(j), *(repr(float(value)) for value in (*point, u))])
         for (i, j), point, u in zip(file.indices.tolist(), points, sigma_mm, strict=True)
@@ -251,44 +247,39 @@ def _certified(nominal: Plate, pitch_mm: float, content: bytes, path: Path) -> P
     """
     points, sigma = nominal.points.copy(), nominal.sigma_mm.copy()
     rows = {(int(i), int(j)): row for row, (i, j) in enumerate(nominal.indices)}
-    axes = [0, 1]
     left = set(rows)
-    header: list[str] = []
-    for number, cells in _csv_lines(content, path):
-        if not header:
-            header = cells
-            if header not in _CERTIFICATE_COLUMNS:
-                raise FormatError(
-                    file=path,
-                    field=f"line {number}",
-                    expected=f"the header {' or '.join(map(','.join, _CERTIFICATE_COLUMNS))}",
-                    seen=",".join(cells)[:60],
-                )
-            axes = [0, 1, 2] if "z_mm" in header else [0, 1]
-            continue
-        mark, values = _certificate_row(cells, header, path, number)
+    for line in table_of(content, path, _CERTIFICATE_COLUMNS, optional=("z_mm",), comments=True):
+        coordinates = ["x_mm", "y_mm", "z_mm"] if "z_mm" in line.cells else ["x_mm", "y_mm"]
+        axes, where = list(range(len(coordinates))), f"line {line.number}"
+        mark = line.whole("i"), line.whole("j")
+        values = np.array([float(line.decimal(name)) for name in coordinates])
+        uncertainty = float(line.decimal("sigma_mm"))
+        if not 0 < uncertainty <= _LARGEST_SIGMA_MM:
+            raise line.error(
+                "sigma_mm", f"a number above 0, at most {_LARGEST_SIGMA_MM:g}", line.cells["sigma_mm"]
+            )
         if mark not in left:
             known = "a mark that an earlier line has" if mark in rows else "none of its marks"
             raise FormatError(
                 file=path,
-                field=f"line {number}",
+                field=where,
                 expected="each mark of the plate once",
                 seen=f"{known}: {list(mark)}",
                 cure="Use the certificate of this plate",
             )
         left.remove(mark)
         row = rows[mark]
-        far = float(np.abs(values[:-1] - points[row, axes]).max())
+        far = float(np.abs(values - points[row, axes]).max())
         if not far < pitch_mm / 4:
             raise FormatError(
                 file=path,
-                field=f"line {number}",
+                field=where,
                 expected=f"mark {list(mark)} near its place in the grid",
                 seen=f"{far:g} mm from there",
                 cure="Check that it is this plate's certificate, in millimetres, with its origin and axes",
             )
-        points[row, axes] = values[:-1]
-        sigma[row, axes] = values[-1]
+        points[row, axes] = values
+        sigma[row, axes] = uncertainty
     if left:
         raise FormatError(
             file=path,
@@ -297,44 +288,3 @@ def _certified(nominal: Plate, pitch_mm: float, content: bytes, path: Path) -> P
             cure="Use the whole certificate of this plate",
         )
     return replace(nominal, points=points, sigma_mm=sigma)
-
-
-def _csv_lines(content: bytes, path: Path) -> Iterable[tuple[int, list[str]]]:
-    """Yield number and cells of each line that is neither empty nor a comment."""
-    try:
-        reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
-        for cells in reader:
-            stripped = [cell.strip() for cell in cells]
-            if any(stripped) and not stripped[0].startswith("#"):
-                yield reader.line_num, stripped
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(file=path, expected="a certificate in CSV, UTF-8", seen=str(error)) from error
-
-
-def _certificate_row(
-    cells: list[str], header: list[str], path: Path, number: int
-) -> tuple[tuple[int, int], Array]:
-    """Return mark and numbers of a line: the coordinates, then their uncertainty."""
-    where = f"line {number}"
-    if len(cells) != len(header):
-        raise FormatError(
-            file=path, field=where, expected=f"{len(header)} cells: {', '.join(header)}", seen=str(len(cells))
-        )
-    column = ""
-    try:
-        numbers: list[float] = []
-        for column, cell in zip(header, cells, strict=True):
-            value: float = int(cell) if column in ("i", "j") else float(cell)
-            if not math.isfinite(value) or (column == "sigma_mm" and not 0 < value <= _LARGEST_SIGMA_MM):
-                raise ValueError(cell)
-            numbers.append(value)
-    except ValueError:
-        kinds = {"i": "a whole number", "j": "a whole number"}
-        kinds["sigma_mm"] = f"a number above 0, at most {_LARGEST_SIGMA_MM:g}"
-        raise FormatError(
-            file=path,
-            field=f"{where}, {column}",
-            expected=kinds.get(column, "a number"),
-            seen=f"'{dict(zip(header, cells, strict=True))[column][:40]}'",
-        ) from None
-    return (int(numbers[0]), int(numbers[1])), np.array(numbers[2:])

@@ -1,4 +1,7 @@
-"""One way to read text that others wrote: UTF-8 with or without a mark, else the Windows code page."""
+"""One way to read text that others wrote: UTF-8 with or without a mark, else the Windows code page.
+
+Formats that are UTF-8 by definition (JSON, TOML) are read by `utf8_of`, which takes nothing else.
+"""
 
 from __future__ import annotations
 
@@ -24,3 +27,25 @@ def text_of(data: bytes) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("cp1252", errors="replace")
+
+
+def utf8_of(data: bytes) -> str:
+    """Return the characters of a text that must be UTF-8, its byte order mark taken off.
+
+    Raises
+    ------
+    ValueError
+        For anything else; says the line, and what the text may be instead.
+    """
+    for mark, encoding in _MARKS[1:]:
+        if data.startswith(mark):
+            raise ValueError(f"text in {encoding.upper()}")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start]
+        line = before.count(b"\n") + 1
+        column = error.start - (before.rfind(b"\n") + 1) + 1
+        raise ValueError(
+            f"byte 0x{data[error.start]:02X} in line {line}, column {column}, which is no UTF-8"
+        ) from error

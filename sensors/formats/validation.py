@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
+from sensors.formats.text import utf8_of
 
 _M = TypeVar("_M", bound=BaseModel)
 
@@ -29,6 +30,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 FilePath = Annotated[str, Field(min_length=1, max_length=1000)]
 
 _SHOWN = 4
+_UTF8_CURE = "Save it as UTF-8"
 _MESSAGES = {
     "string_pattern_mismatch": "text of the form {pattern}",
     "too_short": "at least {min_length} items",
@@ -80,7 +82,13 @@ def load_json(path: Path, kind: str) -> Any:
         return table
 
     try:
-        return json.loads(content.decode("utf-8-sig"), object_pairs_hook=unique)
+        text = utf8_of(content)
+    except ValueError as error:
+        raise FormatError(
+            file=path, expected=f"{kind} in JSON, UTF-8", seen=str(error), cure=_UTF8_CURE
+        ) from error
+    try:
+        return json.loads(text, object_pairs_hook=unique)
     except FormatError:
         raise
     except json.JSONDecodeError as error:
@@ -106,12 +114,18 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
         When it is missing, is not UTF-8, or has an error of syntax (the line is named).
     """
     try:
-        return tomllib.loads(read_bytes(path, kind, TEXT).decode("utf-8-sig"))
+        text = utf8_of(read_bytes(path, kind, TEXT))
     except FormatError as error:
         raise ConfigurationError(
             file=path, expected=error.expected, seen=error.seen, cure=error.cure, remedy=error.remedy
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except ValueError as error:
+        raise ConfigurationError(
+            file=path, expected=f"{kind} in TOML, UTF-8", seen=str(error), cure=_UTF8_CURE
+        ) from error
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigurationError(file=path, expected=f"{kind} in TOML", seen=f"an error: {error}") from error
 
 

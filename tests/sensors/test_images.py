@@ -3,6 +3,7 @@
 import io
 import struct
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -259,3 +260,42 @@ def test_a_tiff_with_packed_pixels_of_another_depth_is_named(tmp_path, bits):
     path = tmp_path / "a.tif"
     path.write_bytes(struct.pack("<2sHI", b"II", 42, 8 + len(rows)) + rows + table + bytes(4))
     refused(path)
+
+
+def with_chunk(content: bytes, kind: bytes, data: bytes) -> bytes:
+    """A PNG with one more chunk behind its head."""
+    chunk = len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+    return content[:33] + chunk + content[33:]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_grey_png_with_a_transparent_level_is_refused(tmp_path: Path, dtype: type) -> None:
+    """It was read, though the page of formats says that transparency is refused."""
+    path = tmp_path / "a.png"
+    content = encode_image(np.full((4, 5), 7, dtype))
+    path.write_bytes(with_chunk(content, b"tEXt", b"Comment\0x"))
+    assert read_image(path).shape == (4, 5)
+    path.write_bytes(with_chunk(content, b"tRNS", b"\0\0"))
+    with pytest.raises(FormatError, match=r"expected an image without transparency, found .*tRNS"):
+        read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "stated", "seen"),
+    [
+        (np.uint16, 2, "16-bit signed samples"),
+        (np.uint8, 2, "8-bit signed samples"),
+        (np.uint16, 1, None),
+    ],
+)
+def test_samples_of_another_kind_in_a_tiff_are_named(
+    tmp_path: Path, dtype: type, stated: int, seen: str | None
+) -> None:
+    """Signed samples were told as colours that are never guessed into grey."""
+    path = tmp_path / "a.tif"
+    Pillow.fromarray(np.full((4, 5), 7, dtype)).save(path, tiffinfo={339: stated})
+    if seen is None:
+        assert read_image(path).shape == (4, 5)
+        return
+    with pytest.raises(FormatError, match=f"unsigned, found {seen}"):
+        read_image(path)

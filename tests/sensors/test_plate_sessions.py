@@ -194,7 +194,7 @@ def test_an_image_of_another_size_is_named(folder: Path) -> None:
 def test_an_unreadable_certificate_is_named(folder: Path) -> None:
     change(folder, lambda data: data["plate"].update(certificate="c.csv"))
     (folder / "c.csv").write_text("Mark;X;Y\n1;2;3\n", encoding="utf-8")
-    refused(folder, "c.csv", "line 1", "expected the header")
+    refused(folder, "c.csv", "line 1", "expected a header with the columns")
 
 
 def test_what_is_no_session_is_named(tmp_path: Path, folder: Path) -> None:

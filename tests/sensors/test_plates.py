@@ -150,12 +150,12 @@ def test_a_certificate_with_heights_moves_the_marks_off_the_plane(tmp_path: Path
 @pytest.mark.parametrize(
     ("line", "to", "expected"),
     [
-        (0, "i,j,x,y,sigma", "line 1': expected the header i,j,x_mm,y_mm,sigma_mm or"),
-        (3, "0,-2,0,-30", "line 4': expected 5 cells: i, j, x_mm, y_mm, sigma_mm, found 4"),
-        (3, "0,-2,zero,-30,0.002", "line 4, x_mm': expected a number, found 'zero'"),
-        (3, "0.0,-2,0,-30,0.002", "line 4, i': expected a whole number, found '0.0'"),
-        (3, "0,-2,0,-30,0", "line 4, sigma_mm': expected a number above 0"),
-        (3, "0,-2,0,nan,0.002", "line 4, y_mm': expected a number, found 'nan'"),
+        (0, "i,j,x,y,sigma", "line 1': expected a header with the columns i, j, x_mm, y_mm, sigma_mm"),
+        (3, "0,-2,0,-30", "line 4': expected 5 cells, as the header has, found 4"),
+        (3, "0,-2,zero,-30,0.002", "line 4, column x_mm': expected a number, found 'zero'"),
+        (3, "0.0,-2,0,-30,0.002", "line 4, column i': expected a whole number, found '0.0'"),
+        (3, "0,-2,0,-30,0", "line 4, column sigma_mm': expected a number above 0"),
+        (3, "0,-2,0,nan,0.002", "line 4, column y_mm': expected a finite number, found 'nan'"),
         (3, "0,-2,0,-3.0,0.002", "line 4': expected mark [0, -2] near its place in the grid, found 27 mm"),
         (3, "1,-2,15,-30,0.002", "line 5': expected each mark of the plate once"),
         (3, "7,-2,105,-30,0.002", "found none of its marks: [7, -2]"),
@@ -172,6 +172,28 @@ def test_an_unreadable_certificate_is_named_with_its_line(
         read_plate(small_plate(tmp_path, certificate="\n".join(lines)))
     assert expected in str(caught.value)
     assert "c.csv" in str(caught.value)
+
+
+def test_a_misspelt_column_of_a_certificate_is_no_column_to_pass_over(tmp_path: Path) -> None:
+    lines = certificate_lines()
+    heights = [f"{lines[0]},z_um", *(f"{line},3" for line in lines[1:])]
+    with pytest.raises(FormatError, match=r"line 1': expected no other columns than .*z_mm, found 'z_um'"):
+        read_plate(small_plate(tmp_path, certificate="\n".join(heights)))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("head", ["# Kalibrierschein für Platte 7; gemessen, bei 20 °C", "", "sep=;"])
+def test_a_certificate_as_a_german_excel_saves_it(
+    tmp_path: Path, encoding: str, ends: str, head: str
+) -> None:
+    """One reader for all tables: semicolons and a decimal comma were refused in a certificate alone."""
+    plain = read_plate(small_plate(tmp_path, certificate="\n".join(certificate_lines()))).plate
+    lines = [line.replace(",", ";").replace(".", ",") for line in certificate_lines()]
+    content = ends.join([head, *lines]).encode(encoding)
+    plate = read_plate(small_plate(tmp_path, certificate=content)).plate
+    assert np.array_equal(plate.points, plain.points)
+    assert np.array_equal(plate.sigma_mm, plain.sigma_mm)
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"\x89PNG\r\n\x1a\n\x00\x00"])

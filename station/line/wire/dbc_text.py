@@ -18,6 +18,7 @@ from textparser import ParseError
 from alignment.errors import ConfigurationError, FormatError
 from alignment.file_limits import TEXT
 from sensors.formats.files import read_bytes
+from sensors.formats.text import text_of
 
 # A frame of CAN FD; the line itself uses eight.
 _MOST_LENGTH, _MOST_BIT = 64, 511
@@ -80,12 +81,14 @@ def _text(file: Path) -> str:
         raise ConfigurationError(
             file=file, expected=error.expected, seen=error.seen, cure=error.cure, remedy=error.remedy
         ) from error
-    try:
-        text = data.decode("cp1252")
-    except ValueError as error:
-        raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error)) from error
+    # Code page 1252 by habit; a DBC that was edited elsewhere is UTF-8, and a degree sign stays one.
+    text = text_of(data)
     if "\0" in text:
         raise ConfigurationError(file=file, expected="a valid DBC", seen="a binary file, with bytes of zero")
+    if "\N{REPLACEMENT CHARACTER}" in text:
+        raise ConfigurationError(
+            file=file, expected="a valid DBC", seen="bytes that are text in neither UTF-8 nor code page 1252"
+        )
     return text.replace("\r\n", "\n")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from alignment.errors import FormatError
 from alignment.statistics.budget import Component
 from alignment.statistics.choices import Contribution
-from station.quality.csv_table import read_table
+from sensors.formats.csv_table import read_table
 
 
 @dataclass(frozen=True)

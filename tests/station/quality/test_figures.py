@@ -18,7 +18,7 @@ from scipy import stats
 from alignment.statistics.choices import Conclusion, GrrMethod
 from db.queries import Characteristic, Filter, ResultReader, value_series
 from db.records import GaugeStudyRecord, GaugeValueRecord, StoredGaugeStudy, StudyKind
-from station.quality.csv_table import read_table
+from sensors.formats.csv_table import read_table
 from station.quality.gauge.analysis import analyse_grr, analyse_stability, analyse_type1
 from station.quality.gauge.certificate import write_study_certificate
 from station.quality.gauge.file import GaugeRow

@@ -18,6 +18,7 @@ from station.cycle.words import ErrorCode, Trigger
 from station.line.interface import StationLine
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, load_line_database
+from station.line.wire.dbc_text import read_dbc
 from station.line.wire.error_codes import MEANINGS
 from tests.station.line.line_bench import DBC, Bench, Clock, FakeCanBus
 
@@ -299,3 +300,15 @@ def test_words_of_the_error_codes_are_those_of_the_program() -> None:
     table = raw.get_message_by_name("Status").get_signal_by_name("ErrorCode").choices
     assert table is not None
     assert {str(word) for word in table.values()} == set(ErrorCode) == set(MEANINGS)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_a_dbc_is_the_same_in_every_encoding_of_the_field(tmp_path: Path, encoding: str, ends: str) -> None:
+    """A DBC in UTF-8 was read as code page 1252: its degree signs became two characters."""
+    text = TEXT.replace('"deg"', '"°"')
+    file = tmp_path / "line.dbc"
+    file.write_bytes(text.replace("\n", ends).encode(encoding))
+    found, known = ([s for m in read_dbc(each).messages for s in m.signals] for each in (file, DBC))
+    wanted = [(signal.name, "°" if signal.unit == "deg" else signal.unit) for signal in known]
+    assert [(signal.name, signal.unit) for signal in found] == wanted

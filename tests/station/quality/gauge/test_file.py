@@ -100,8 +100,21 @@ def test_reference_is_needed_where_the_study_needs_it(file: Path) -> None:
 
 def test_binary_file_is_refused(file: Path) -> None:
     file.write_bytes(bytes(range(256)))
-    with pytest.raises(FormatError, match="UTF-8"):
+    with pytest.raises(FormatError, match="expected a header with the columns"):
         read_gauge_file(file)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
+def test_a_table_as_a_german_excel_saves_it(file: Path, encoding: str, ends: str) -> None:
+    """A name with an umlaut in code page 1252 was refused as no UTF-8."""
+    lines = ["sep=;", "Part;Appraiser;Value", "#1;Jürgen;0,25", "#2;Jürgen;0,5"]
+    file.write_bytes(ends.join(lines).encode(encoding))
+    rows = read_gauge_file(file)
+    assert [(row.part, row.appraiser, float(row.value)) for row in rows] == [
+        ("#1", "Jürgen", 0.25),
+        ("#2", "Jürgen", 0.5),
+    ]
 
 
 CELLS = st.one_of(
