@@ -87,6 +87,7 @@ def test_a_new_computer_compiles_once_and_a_second_start_finds_everything(tmp_pa
     assert small(tmp_path) == [[], None, []]
 
 
+@pytest.mark.slow
 def test_a_damaged_cache_is_compiled_again(tmp_path: Path) -> None:
     small(tmp_path)
     for file in tmp_path.rglob("*.nbc"):
