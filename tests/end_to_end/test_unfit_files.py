@@ -20,6 +20,7 @@ import pytest
 import sensors.formats.files
 from alignment.errors import ConfigurationError, FormatError
 from alignment.file_limits import DOCUMENT, size_in_words, unfit_kind, unfit_size
+from db.connection import migrate
 from sensors.formats import read_image, write_calibration, write_shot
 from sensors.formats.files import entries, open_ordinary, read_bytes
 from station.configuration.vehicle_types import read_vehicle_types
@@ -87,7 +88,7 @@ VERBS = {
     "database of zero": "zero list --database sqlite:///{bad}",
     "database of check": "db check --database sqlite:///{bad}",
     "database of migrate": "db migrate --database sqlite:///{bad}",
-    "database of report": "report all --database sqlite:///{bad} --out {out}",
+    "database of report": "report all --database sqlite:///{bad} --out {out}.html",
     "database of export": "export csv --database sqlite:///{bad} --out {out}",
     "backup": "db restore {bad} --database sqlite:///{out}",
     "configuration of retention": "db retention --config {bad}",
@@ -131,6 +132,8 @@ def test_what_is_no_ordinary_file_of_a_believable_size_is_refused_before_it_is_r
         (tmp_path / name / file).symlink_to(bad)
     (tmp_path / "nested").mkdir()
     (tmp_path / "nested" / "rig").symlink_to(tmp_path / "bad_session")
+    if "{database}" in words:
+        migrate(f"sqlite:///{tmp_path / 'new.db'}")
     configs = tmp_path / "configs"
     if "{bad_dbc}" in words:
         shutil.copytree(CONFIGS, configs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import contextlib
 import io
 from collections.abc import Iterator
 from typing import BinaryIO
@@ -44,4 +45,6 @@ def _rows(binary: BinaryIO) -> Iterator[str]:
     try:
         yield from iter(lambda: wide.readline(_LONGEST), "")
     finally:
-        wide.detach()  # the file is the caller's to close
+        # The file is the caller's to close, and is closed already when a reader gave up amid it.
+        with contextlib.suppress(ValueError):
+            wide.detach()
