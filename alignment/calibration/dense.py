@@ -10,45 +10,10 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.errors import DegenerateInputError
+from alignment.geometry.symmetric import solve
 from alignment.kernels import njit
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cholesky(matrix: Array) -> tuple[Array, bool]:
-    """Lower factor, and whether the matrix is positive definite to rounding; diagonal 1 expected."""
-    n = matrix.shape[0]
-    lower = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            if i == j:
-                if not total > 1e-15:
-                    return lower, False
-                lower[i, i] = np.sqrt(total)
-            else:
-                lower[i, j] = total / lower[j, j]
-    return lower, True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _substitute(lower: Array, rows: Array) -> None:
-    """Solve L Lᵀ x = b for each row b of `rows` (K, n), in place."""
-    n = lower.shape[0]
-    upper = lower.T.copy()
-    for r in range(rows.shape[0]):
-        x = rows[r]
-        for i in range(n):
-            total = x[i]
-            for k in range(i):
-                total -= lower[i, k] * x[k]
-            x[i] = total / lower[i, i]
-        for i in range(n - 1, -1, -1):
-            total = x[i]
-            for k in range(i + 1, n):
-                total -= upper[i, k] * x[k]
-            x[i] = total / lower[i, i]
+_SINGULAR = 1e-15  # left of an unknown's own information, below which the others explain all of it
 
 
 def solve_symmetric(matrix: Array, rows: Array) -> Array:
@@ -62,17 +27,16 @@ def solve_symmetric(matrix: Array, rows: Array) -> Array:
         When the matrix is singular: something is not determined.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    lower, definite = _cholesky(matrix * np.outer(scale, scale))
-    if not definite:
+    out = np.ascontiguousarray((rows * scale).T)
+    if not solve(matrix * np.outer(scale, scale), out, _SINGULAR):
         raise DegenerateInputError(
             field="views",
             expected="views that determine every camera",
             seen="a singular adjustment",
             cure="Add views: other heights of the stage, and marks over the whole image.",
         )
-    out: Array = rows * scale
-    _substitute(lower, out)
-    return out * scale
+    solved: Array = out.T * scale
+    return solved
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

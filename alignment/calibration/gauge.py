@@ -17,7 +17,7 @@ from alignment.arrays import Array
 from alignment.believable import LARGEST_MOUNTING, LARGEST_SHIFT, LARGEST_TURN, pose_slip, turn_from_nominal
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, solve
 from alignment.calibration.equations import normal_equations
-from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
+from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView, cameras_of_rig
 from alignment.calibration.prediction import predict_angle_uncertainty
 from alignment.calibration.problem import LOCAL, POSE, Priors, Problem, build_problem, initial_state
 from alignment.calibration.projection import INTRINSICS
@@ -147,16 +147,7 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
         calibration, or the marks do not determine the plate's pose.
     """
     cameras = _cameras(data, calibration)
-    if len(data.views) != 1 or data.views[0].stage_mm is not None:
-        raise DegenerateInputError(
-            field="views",
-            expected="one view of the gauge plate, its stage position null",
-            seen=", ".join(
-                f"{v.name} at {'an unknown pose' if v.stage_mm is None else v.stage_mm.tolist()}"
-                for v in data.views
-            ),
-        )
-    (view,) = data.views
+    view = _only_view(data)
     marks = {key: len(view.observations[key].marks) if key in view.observations else 0 for key in cameras}
     best = max(marks, key=lambda key: marks[key])
     if not marks[best]:
@@ -213,6 +204,20 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
         turn_from_nominal=turn_from_nominal(vehicle_from_rig, calibration.side),
         was_measured=calibration.vehicle_from_rig_measured,
     )
+
+
+def _only_view(data: CalibrationInput) -> PlateView:
+    """Return the one view of the gauge plate."""
+    if len(data.views) != 1 or data.views[0].stage_mm is not None:
+        raise DegenerateInputError(
+            field="views",
+            expected="one view of the gauge plate, its stage position null",
+            seen=", ".join(
+                f"{v.name} at {'an unknown pose' if v.stage_mm is None else v.stage_mm.tolist()}"
+                for v in data.views
+            ),
+        )
+    return data.views[0]
 
 
 def transfer_u95(placed: PlacedRig) -> float:

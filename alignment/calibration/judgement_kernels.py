@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.geometry.symmetric import eigen, factor, inverse, pseudo_inverse, solve_lower
+from alignment.geometry.symmetric import LEAST_PIVOT, eigen, factor, inverse, pseudo_inverse, solve_lower
 from alignment.kernels import njit
 from alignment.stereo.row_kernels import FEWEST, TERMS
 from alignment.wheel.agreement import MOVES
@@ -210,7 +210,7 @@ def whitened(
             out[n + i, c] = responses[at, c]
         out[n + i, width] = field[(at - size) // TERMS, (at - size) % TERMS]
     spread = _spread(amounts, noise, seen, covariance)
-    if not factor(spread):
+    if not factor(spread, LEAST_PIVOT):
         return out, False
     solve_lower(spread, out)
     return out, n + rows > 0

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from alignment.arrays import Array, Index
+from alignment.arrays import Array, Index, Mask
 from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.projection import COEFFICIENTS, INTRINSICS
 from alignment.errors import DegenerateInputError
@@ -185,53 +186,23 @@ def build_problem(
     DegenerateInputError
         When nothing was observed, or a covariance is not positive.
     """
-    keys = data.cameras
-    number = {key: k for k, key in enumerate(keys)}
-    camera, view, mark, pixels, covariance, radius = [], [], [], [], [], []
-    for v, plate_view in enumerate(data.views):
-        for key, seen in plate_view.observations.items():
-            count = len(seen.marks)
-            camera.append(np.full(count, number[key]))
-            view.append(np.full(count, v))
-            mark.append(seen.marks)
-            pixels.append(seen.pixels)
-            covariance.append(seen.covariance)
-            radius.append(np.full(count, 0.0 if seen.corrected else data.plate.mark_radius_mm))
-    if not sum(map(len, mark)):
-        raise DegenerateInputError(
-            field="views",
-            expected="marks of the plate",
-            seen="none in any view",
-            cure="Check plate, light and lens caps.",
-        )
-    which = np.concatenate(camera).astype(np.int64)
-    in_view = np.concatenate(view).astype(np.int64)
-    marks, compressed = np.unique(np.concatenate(mark), return_inverse=True)
-    sigma = np.maximum(data.plate.sigma_mm[marks], _LEAST_SIGMA_MM)
+    keys, lens = data.cameras, MODELS[model]
+    seen = _observed(data)
+    marks, compressed = np.unique(seen.mark, return_inverse=True)
     stage = np.array([np.full(3, np.nan) if v.stage_mm is None else v.stage_mm for v in data.views])
     held = np.isnan(stage[:, 0])
     fixed_view = 0 if held.all() and not frame_is_known else -1
 
-    lens = MODELS[model]
-    estimated = np.array([*range(POSE + 4), *(POSE + 4 + c for c in lens.estimated)])
-    camera_columns = np.full((len(keys), POSE + INTRINSICS), -1, np.int64)
-    view_columns = np.full((len(data.views), POSE), -1, np.int64)
+    camera_columns, size = _camera_columns(keys, lens, fixed_cameras)
+    estimated_views = np.bincount(seen.view, minlength=len(data.views)) > 0
+    if fixed_view >= 0:
+        estimated_views[fixed_view] = False
+    if fixed_views:
+        estimated_views[:] = False
+    turns = estimated_views & (held | (priors.view_tilt > 0))
+    shifts = estimated_views & (held | (data.stage_sigma_mm > 0))
+    view_columns, size = _view_columns(turns, shifts, size)
     axes_columns = np.full(3, -1, np.int64)
-    size = 0
-    for k, key in enumerate(keys):
-        if key not in fixed_cameras:
-            camera_columns[k, estimated] = size + np.arange(len(estimated))
-            size += len(estimated)
-    seen_views = np.bincount(in_view, minlength=len(data.views)) > 0
-    for v in map(int, np.flatnonzero(seen_views)):
-        if fixed_views or v == fixed_view:
-            continue
-        if held[v] or priors.view_tilt > 0:
-            view_columns[v, :3] = size + np.arange(3)
-            size += 3
-        if held[v] or data.stage_sigma_mm > 0:
-            view_columns[v, 3:] = size + np.arange(3)
-            size += 3
     if priors.stage_axes > 0 and data.stage_sigma_mm > 0 and not fixed_views:
         axes_columns[:] = size + np.arange(3)
         size += 3
@@ -239,15 +210,15 @@ def build_problem(
         data=data,
         lens=lens,
         marks=marks,
-        camera=which,
-        view=in_view,
+        camera=seen.camera,
+        view=seen.view,
         mark=compressed.astype(np.int64),
-        pixels=np.concatenate(pixels).astype(np.float64),
-        whitening=_whitening(np.concatenate(covariance)),
-        radius=np.concatenate(radius),
+        pixels=seen.pixels,
+        whitening=_whitening(seen.covariance),
+        radius=seen.radius,
         points=data.plate.points[marks],
-        mark_sigma=sigma,
-        columns=np.concatenate([camera_columns[which], view_columns[in_view]], axis=1),
+        mark_sigma=np.maximum(data.plate.sigma_mm[marks], _LEAST_SIGMA_MM),
+        columns=np.concatenate([camera_columns[seen.camera], view_columns[seen.view]], axis=1),
         camera_columns=camera_columns,
         view_columns=view_columns,
         axes_columns=axes_columns,
@@ -257,6 +228,62 @@ def build_problem(
         priors=priors,
         coefficient_sigma=np.array([_coefficient_sigma(start[key].model) for key in keys]),
     )
+
+
+class _Observed(NamedTuple):
+    """All observations as tables (N, …): numbers of camera, view and mark; pixels; what the pixels are of."""
+
+    camera: Index
+    view: Index
+    mark: Index
+    pixels: Array
+    covariance: Array
+    radius: Array
+
+
+def _observed(data: CalibrationInput) -> _Observed:
+    """Table of what all cameras saw in all views; raises as `build_problem` where that is nothing."""
+    number = {key: k for k, key in enumerate(data.cameras)}
+    rows: list[_Observed] = []
+    for v, plate_view in enumerate(data.views):
+        for key, seen in plate_view.observations.items():
+            count = len(seen.marks)
+            radius = np.full(count, 0.0 if seen.corrected else data.plate.mark_radius_mm)
+            camera, view = np.full(count, number[key], np.int64), np.full(count, v, np.int64)
+            rows.append(_Observed(camera, view, seen.marks, seen.pixels, seen.covariance, radius))
+    if not sum(len(row.mark) for row in rows):
+        raise DegenerateInputError(
+            field="views",
+            expected="marks of the plate",
+            seen="none in any view",
+            cure="Check plate, light and lens caps.",
+        )
+    joined = _Observed(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    return joined._replace(pixels=joined.pixels.astype(np.float64))
+
+
+def _camera_columns(
+    keys: Sequence[CameraKey], lens: LensKind, fixed: frozenset[CameraKey]
+) -> tuple[Index, int]:
+    """(C, 6 + intrinsics) column of each parameter of each camera, −1 for none, and how many there are."""
+    estimated = np.array([*range(POSE + 4), *(POSE + 4 + c for c in lens.estimated)])
+    columns, size = np.full((len(keys), POSE + INTRINSICS), -1, np.int64), 0
+    for k, key in enumerate(keys):
+        if key not in fixed:
+            columns[k, estimated] = size + np.arange(len(estimated))
+            size += len(estimated)
+    return columns, size
+
+
+def _view_columns(turns: Mask, shifts: Mask, size: int) -> tuple[Index, int]:
+    """(V, 6) column of turn and shift of each view (V,) that has one, from `size` on, and where they end."""
+    columns = np.full((len(turns), POSE), -1, np.int64)
+    for v in range(len(turns)):
+        for first, estimated in ((0, turns[v]), (3, shifts[v])):
+            if estimated:
+                columns[v, first : first + 3] = size + np.arange(3)
+                size += 3
+    return columns, size
 
 
 def _whitening(covariance: Array) -> Array:

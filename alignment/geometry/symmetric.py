@@ -1,7 +1,8 @@
-"""Small symmetric matrices: Cholesky factors, eigenvectors, pseudo-inverses.
+"""Symmetric matrices: Cholesky factors and what they solve, eigenvectors, pseudo-inverses.
 
 For matrices of a few rows inside compiled functions, where a library's call costs more than its work and
-takes seconds to compile.
+takes seconds to compile; and for those of a hundred or two unknowns, on which a threaded library waits for
+its threads as soon as another process wants a core.
 """
 
 from __future__ import annotations
@@ -16,19 +17,24 @@ from alignment.kernels import njit
 Array = NDArray[np.float64]
 
 _EPS = float(np.finfo(np.float64).eps)
-_SINGULAR = 1e-14  # of a row's own value, below which nothing is left of it
 _NOTHING = 1e-280  # a sum of squares below which digits get lost; its numbers are taken for zeros
 _MOST_TURNS = 50  # for one eigenvalue; two are common
+LEAST_PIVOT = 1e-14
+"""Of a row's own value, below which rounding leaves nothing of it."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def factor(matrix: Array) -> bool:
-    """Cholesky factor of a matrix (n, n), in place in its lower triangle; False where it is not positive."""
+def factor(matrix: Array, least: float) -> bool:
+    """Cholesky factor of a matrix (n, n), in place in its lower triangle; False where it is not positive.
+
+    Of each row there must be left more than `least` times its own diagonal value, once the rows before it are
+    taken off; `LEAST_PIVOT` where nothing else is known.
+    """
     for k in range(matrix.shape[0]):
         own = matrix[k, k]
         for j in range(k):
             matrix[k, k] -= matrix[k, j] * matrix[k, j]
-        if not matrix[k, k] > _SINGULAR * own:
+        if not matrix[k, k] > least * own:
             return False
         root = math.sqrt(matrix[k, k])
         matrix[k, k] = root
@@ -55,11 +61,41 @@ def solve_lower(lower: Array, right: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def solve_upper(lower: Array, right: Array) -> None:
+    """Solve Lᵀ x = right (n, m) in place; only the lower triangle of L is looked at."""
+    for k in range(right.shape[0] - 1, -1, -1):
+        mine = right[k]
+        for j in range(k + 1, right.shape[0]):
+            share, other = lower[j, k], right[j]
+            for c in range(right.shape[1]):
+                mine[c] -= share * other[c]
+        per_root = 1.0 / lower[k, k]
+        for c in range(right.shape[1]):
+            mine[c] *= per_root
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_factored(lower: Array, right: Array) -> None:
+    """Solve L Lᵀ x = right (n, m) in place."""
+    solve_lower(lower, right)
+    solve_upper(lower, right)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve(matrix: Array, right: Array, least: float) -> bool:
+    """Solve matrix · x = right (n, m) in place, and factor the matrix in place; False as `factor`."""
+    if not factor(matrix, least):
+        return False
+    solve_factored(matrix, right)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def inverse(matrix: Array, out: Array) -> bool:
     """Inverse of a positive matrix (n, n) into `out`; False, and nothing in it, where it is not positive."""
     n = matrix.shape[0]
     lower, root = matrix.copy(), np.zeros((n, n))
-    if not factor(lower):
+    if not factor(lower, LEAST_PIVOT):
         return False
     for k in range(n):
         root[k, k] = 1.0

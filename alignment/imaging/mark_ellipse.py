@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from alignment.arrays import Array, Mask
+from alignment.geometry.symmetric import solve, solve_factored
 from alignment.kernels import njit
 
 #: Parameters: centre, factor U (u11, u12, u22), blur, mark, ground, light's change per radius; middle: ratio,
@@ -32,6 +33,7 @@ _COLUMNS = 19
 
 _HALF = math.sqrt(0.5)
 _DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
+_UNDETERMINED = 1e-12  # left of a parameter's own information, below which the pixels do not tell it
 _STEPS = 25
 _CONVERGED = 5e-3  # pixels that the centre still moves; the axes and the blur ten times as much
 _HUBER = 4.0  # residuals beyond this many RMS weigh less
@@ -187,40 +189,17 @@ def _normal_equations(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_factored(low: Array, size: int, x: Array) -> None:
-    """Solve L Lᵀ y = x for the first `size` unknowns, in place."""
-    for k in range(size):
-        for i in range(k):
-            x[k] -= low[k, i] * x[i]
-        x[k] /= low[k, k]
-    for k in range(size - 1, -1, -1):
-        for i in range(k + 1, size):
-            x[k] -= low[i, k] * x[i]
-        x[k] /= low[k, k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def solve_damped(n: Array, g: Array, size: int, damping: float, low: Array, step: Array) -> bool:
     """Solve damped normal equations by Cholesky; False when they have no solution.
 
     `n` needs its lower half; `low` takes the factor and `step` the solution, both of at least `size`.
     """
     for k in range(size):
-        for m in range(k + 1):
-            total = n[k, m]
-            if k == m:
-                total *= 1.0 + damping
-            for i in range(m):
-                total -= low[k, i] * low[m, i]
-            if k == m:
-                if not total > 1e-12 * n[k, k]:
-                    return False
-                low[k, k] = math.sqrt(total)
-            else:
-                low[k, m] = total / low[m, m]
-    step[:size] = g[:size]
-    _solve_factored(low, size, step)
-    return True
+        for m in range(k):
+            low[k, m] = n[k, m]
+        low[k, k] = (1.0 + damping) * n[k, k]
+        step[k] = g[k]
+    return solve(low[:size, :size], step[:size].reshape((size, 1)), _UNDETERMINED)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -239,7 +218,7 @@ def _centre_covariance(
     for k in range(2):
         unit[:] = 0.0
         unit[k] = 1.0
-        _solve_factored(low, size, unit)
+        solve_factored(low, unit[:size].reshape((size, 1)))
         rows[k, :size] = unit[:size]
     j, dz = np.zeros(RING), np.zeros(6)
     a, b, c = p[A], p[B], p[C]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.geometry.symmetric import factor, solve_lower
+from alignment.geometry.symmetric import LEAST_PIVOT, solve
 from alignment.kernels import njit
 from alignment.stereo.rectification import rectify
 
@@ -225,13 +225,9 @@ def _fit(terms: Array, values: Array, field: Array, information: Array) -> float
                 information[a, b] = information[b, a] = total
                 normal[a, b] = total
             normal[a, a] += _TINY
-        factor(normal)  # positive by the tiny part
-        solve_lower(normal, right)
-        for a in range(TERMS - 1, -1, -1):
-            total = right[a, 0]
-            for b in range(a + 1, TERMS):
-                total -= normal[b, a] * field[b]
-            field[a] = total / normal[a, a]
+        solve(normal, right, LEAST_PIVOT)  # positive by the tiny part
+        for a in range(TERMS):
+            field[a] = right[a, 0]
         for i in range(n):
             total = values[i]
             for a in range(TERMS):

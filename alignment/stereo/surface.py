@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array, Index, Mask
+from alignment.geometry.symmetric import solve
 from alignment.kernels import njit
 
 _GATE = 25.0  # mm; a sidewall's relief about its mean plane, with room for the first, rough plane
@@ -15,6 +16,7 @@ _Z_STEP = 12.0
 _NEAR_BEST = 0.75  # a hypothesis this much worse than the best is not worth a fit
 _SAMPLES = 300
 _SAME_PLANE = 3.0  # mm, over the rig
+_UNDETERMINED = 1e-9  # left of a coefficient's own information, below which points do not tell it
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,34 +25,6 @@ class PlaneHypothesis:
 
     coefficients: Array
     score: float
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def solve3(a: Array, b: Array) -> tuple[float, float, float, bool]:
-    """Solution of a (3, 3) system, and whether it is determined at all."""
-    det = (
-        a[0, 0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
-        - a[0, 1] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
-        + a[0, 2] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
-    )
-    if not abs(det) > 1e-9 * a[0, 0] * a[1, 1] * a[2, 2]:
-        return 0.0, 0.0, 0.0, False
-    x = (
-        b[0] * (a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1])
-        - a[0, 1] * (b[1] * a[2, 2] - a[1, 2] * b[2])
-        + a[0, 2] * (b[1] * a[2, 1] - a[1, 1] * b[2])
-    )
-    y = (
-        a[0, 0] * (b[1] * a[2, 2] - a[1, 2] * b[2])
-        - b[0] * (a[1, 0] * a[2, 2] - a[1, 2] * a[2, 0])
-        + a[0, 2] * (a[1, 0] * b[2] - b[1] * a[2, 0])
-    )
-    z = (
-        a[0, 0] * (a[1, 1] * b[2] - b[1] * a[2, 1])
-        - a[0, 1] * (a[1, 0] * b[2] - b[1] * a[2, 0])
-        + b[0] * (a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0])
-    )
-    return x / det, y / det, z / det, True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -98,7 +72,7 @@ def _weigh(
         wyz += w * y * z
     a[0, 0], a[0, 1], a[0, 2], a[1, 1], a[1, 2], a[2, 2] = w0, wx, wy, wxx, wxy, wyy
     a[1, 0], a[2, 0], a[2, 1] = wx, wy, wxy
-    b[0], b[1], b[2] = wz, wxz, wyz
+    b[0, 0], b[1, 0], b[2, 0] = wz, wxz, wyz
     return w0
 
 
@@ -113,12 +87,14 @@ def _grow(
     """
     plane = start.copy()
     score = 0.0
-    distance, a, b = np.empty(points.shape[1]), np.empty((3, 3)), np.empty(3)
+    distance, a, b = np.empty(points.shape[1]), np.empty((3, 3)), np.empty((3, 1))
     for iteration in range(8):
         width = gate * (2.0 if iteration < 2 else 1.0)
         score = _weigh(points, several, plane, width, distance, a, b)
-        p, q, r, ok = solve3(a, b)
-        if not ok or abs(q) > slope_limit or abs(r) > slope_limit:
+        if not solve(a, b, _UNDETERMINED):
+            return plane, 0.0
+        p, q, r = b[0, 0], b[1, 0], b[2, 0]
+        if abs(q) > slope_limit or abs(r) > slope_limit:
             return plane, 0.0
         moved = abs(p - plane[0]) + 300.0 * (abs(q - plane[1]) + abs(r - plane[2]))
         plane[0], plane[1], plane[2] = p, q, r

@@ -19,15 +19,16 @@ import numpy as np
 
 from alignment import robust
 from alignment.arrays import Array, Index
+from alignment.geometry.symmetric import solve
 from alignment.kernels import njit
 from alignment.stereo.correspondence import GAIN, LEAN, RATIO
 from alignment.stereo.pool import PointPool
-from alignment.stereo.surface import solve3
 
 _RING = 1.5  # mm
 _NEIGHBOURS = 2  # rings on either side that smooth one
 _TERMS = 3  # of the parabola over the angle
 _FEWEST = 12.0  # points in a ring and its neighbours
+_UNDETERMINED = 1e-9  # left of a term's own information, below which points do not tell it
 _CUT = 4.0  # robust deviations; letters and dirt reflect otherwise
 _ROUNDS = 3
 _SOME = 1500  # points of a head, or up to twice as many, that make its model
@@ -56,21 +57,21 @@ def _parabolas(ring: Index, angle: Array, ratio: Array, weight: Array, rings: in
         moments[k, _TERMS] += w
         moments[k, _TERMS + 1] += w * a
     out = np.full((rings, _TERMS), np.nan)
-    matrix, pull = np.empty((_TERMS, _TERMS)), np.empty(_TERMS)
+    matrix, pull = np.empty((_TERMS, _TERMS)), np.empty((_TERMS, 1))
     for k in range(rings):
         matrix[:], pull[:] = 0.0, 0.0
         for j in range(max(0, k - _NEIGHBOURS), min(rings, k + _NEIGHBOURS + 1)):
             share = 1.0 - ((k - j) / (_NEIGHBOURS + 1.0)) ** 2
             for a in range(_TERMS):
-                pull[a] += share * right[j, a]
+                pull[a, 0] += share * right[j, a]
                 for b in range(_TERMS):
                     matrix[a, b] += share * moments[j, a + b]
         total = matrix[0, 0]
         for a in range(_TERMS):
             matrix[a, a] += _HOLD[a] * total
-        x, y, z, determined = solve3(matrix, pull)
-        if total >= _FEWEST and determined:
-            out[k, 0], out[k, 1], out[k, 2] = x, y, z
+        if total >= _FEWEST and solve(matrix, pull, _UNDETERMINED):
+            for a in range(_TERMS):
+                out[k, a] = pull[a, 0]
     return out
 
 

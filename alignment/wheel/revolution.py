@@ -138,25 +138,7 @@ def fit_revolution(
     if n < FEWEST_POINTS:
         raise DegenerateInputError(field="points", expected=f"at least {FEWEST_POINTS} points", seen=str(n))
     state = _State(frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
-    # A rough profile on few points first, then the fine one, at last on all points.
-    for thin, step, first_cut, iterations, settled in (
-        (max(1, n // 1000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
-        (max(1, n // 2000), 2.0 * knot_step, 1.0, 2, 20.0 * _SETTLED),
-        (1, knot_step, 1.0, 2 if line is not None else 5, _SETTLED),
-    ):
-        data = _Data.of(points[::thin], sigma[::thin], rays[::thin], spread[::thin])
-        state.step = step
-        state.start, state.profile = kernels.local_medians(data.points, state.centre, state.frame, step)
-        settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled, renew=True)
-    kept = np.arange(n)
-    if line is not None:
-        for iterations in _CLEANINGS:
-            keep = undisturbed(data.ratio, data.first >= 0, line[kept], scale)
-            kept = kept[keep]
-            data = _Data.of(*take_points(keep, data.points, data.sigma, data.rays, data.spread))
-            settles, scale = data.iterate(state, 1.0, scale_floor, iterations, _SETTLED)
-    if not settles:
-        _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
+    kept, data, scale = _settled(state, (points, sigma, rays, spread), line, knot_step, scale_floor)
     weights, residuals = np.zeros(n), np.full(n, np.nan)
     weights[kept] = data.table[TUKEY]
     residuals[kept] = np.where(data.first >= 0, data.table[VALUE], np.nan)
@@ -172,6 +154,36 @@ def fit_revolution(
         covariance=_tilt_covariance(state, data, cluster[kept]),
         tilt_axes=state.frame[:2],
     )
+
+
+def _settled(
+    state: _State, every: tuple[Array, ...], line: Index | None, knot_step: float, scale_floor: float
+) -> tuple[Index, _Data, float]:
+    """Iterate the state to its end: which points were kept, their residuals and weights, and the scale.
+
+    `every` are points, sigma, rays and spread of `fit_revolution`, whose other arguments these are.
+    """
+    n = len(every[0])
+    # A rough profile on few points first, then the fine one, at last on all points.
+    for thin, step, first_cut, iterations, settled in (
+        (max(1, n // 1000), _ROUGH_STEP, 2.0, 5, 1e3 * _SETTLED),
+        (max(1, n // 2000), 2.0 * knot_step, 1.0, 2, 20.0 * _SETTLED),
+        (1, knot_step, 1.0, 2 if line is not None else 5, _SETTLED),
+    ):
+        data = _Data.of(*(each[::thin] for each in every))
+        state.step = step
+        state.start, state.profile = kernels.local_medians(data.points, state.centre, state.frame, step)
+        settles, scale = data.iterate(state, first_cut, scale_floor, iterations, settled, renew=True)
+    kept = np.arange(n)
+    if line is not None:
+        for iterations in _CLEANINGS:
+            keep = undisturbed(data.ratio, data.first >= 0, line[kept], scale)
+            kept = kept[keep]
+            data = _Data.of(*take_points(keep, data.points, data.sigma, data.rays, data.spread))
+            settles, scale = data.iterate(state, 1.0, scale_floor, iterations, _SETTLED)
+    if not settles:
+        _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
+    return kept, data, scale
 
 
 def _tilt_covariance(state: _State, data: _Data, cluster: Index) -> Array:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from alignment.arrays import Array, Index
+from alignment.geometry.symmetric import LEAST_PIVOT, solve
 from alignment.kernels import njit
 from alignment.wheel.revolution_kernels import AXIS, gradient, normal_matrix, rows, weigh
 
@@ -110,32 +111,6 @@ def _solve_band(factor: Array, right: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_corner(a: Array, right: Array) -> bool:
-    """Solve the symmetric (4, 4) system in place by Cholesky; False where it is singular."""
-    for k in range(AXIS):
-        scale = a[k, k]
-        for j in range(k):
-            a[k, k] -= a[k, j] * a[k, j]
-        if not a[k, k] > 1e-14 * scale:
-            return False
-        a[k, k] = math.sqrt(a[k, k])
-        for i in range(k + 1, AXIS):
-            for j in range(k):
-                a[i, k] -= a[i, j] * a[k, j]
-            a[i, k] /= a[k, k]
-    for c in range(right.shape[1]):
-        for k in range(AXIS):
-            for j in range(k):
-                right[k, c] -= a[k, j] * right[j, c]
-            right[k, c] /= a[k, k]
-        for k in range(AXIS - 1, -1, -1):
-            for i in range(k + 1, AXIS):
-                right[k, c] -= a[i, k] * right[i, c]
-            right[k, c] /= a[k, k]
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def solve_arrow(corner: Array, side: Array, band: Array, right: Array) -> bool:
     """Solve for right sides (4 + K, m) in place, by the Schur complement of the profile.
 
@@ -158,7 +133,7 @@ def solve_arrow(corner: Array, side: Array, band: Array, right: Array) -> bool:
                 corner[a, b] -= side[k, a] * both[k, b]
             for c in range(m):
                 right[a, c] -= side[k, a] * both[k, AXIS + c]
-    if not _solve_corner(corner, right):
+    if not solve(corner, right[:AXIS], LEAST_PIVOT):
         return False
     for k in range(knots):
         for c in range(m):

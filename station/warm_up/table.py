@@ -12,8 +12,6 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.calibration.contour.contour_shift": (
             "float64[::1]; float64[::1]; float64[::1]; float64; float64[::1]",
         ),
-        "alignment.calibration.dense._cholesky": ("float64[:, ::1]",),
-        "alignment.calibration.dense._substitute": ("float64[:, ::1]; float64[:, ::1]",),
         "alignment.calibration.dense.eliminate": (
             "float64[:, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]",
         ),
@@ -26,6 +24,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.calibration.equations._linearise": (
             "int64[::1]; int64[::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
+        "alignment.geometry.symmetric.solve": ("float64[:, ::1]; float64[:, ::1]; float64",),
         "alignment.imaging.mark_ellipse.fit_ellipses": (
             "uint8[:, ::1]; float64[:, ::1]; boolean[::1]; float64",
         ),

@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from alignment.geometry.symmetric import eigen, factor, inverse, pseudo_inverse, solve_lower
+from alignment.geometry.symmetric import (
+    LEAST_PIVOT,
+    eigen,
+    factor,
+    inverse,
+    pseudo_inverse,
+    solve,
+    solve_lower,
+)
 
 Array = NDArray[np.float64]
 
@@ -74,10 +82,13 @@ def test_factor_inverse_and_solution_of_a_positive_matrix(seed: int, size: int, 
     root = rng.normal(size=(size, size + 3))
     matrix, right = root @ root.T + 0.1 * np.eye(size), rng.normal(size=(size, columns))
     lower, out, solution = np.tril(matrix), np.empty((size, size)), right.copy()
-    assert factor(lower)
+    assert factor(lower, LEAST_PIVOT)
     np.testing.assert_allclose(lower, np.linalg.cholesky(matrix), atol=1e-12 * np.abs(matrix).max())
     solve_lower(lower, solution)
     np.testing.assert_allclose(lower @ solution, right, atol=1e-11)
+    # What stands above the diagonal is no part of the matrix.
+    assert solve(np.tril(matrix), right, LEAST_PIVOT)
+    np.testing.assert_allclose(matrix @ right, lower @ solution, atol=1e-9)
     assert inverse(matrix, out)
     np.testing.assert_allclose(out @ matrix, np.eye(size), atol=1e-9)
     np.testing.assert_array_equal(out, out.T)
@@ -87,7 +98,8 @@ def test_factor_inverse_and_solution_of_a_positive_matrix(seed: int, size: int, 
     "matrix", [np.zeros((3, 3)), np.ones((4, 4)), np.diag([1.0, -1.0]), np.full((2, 2), np.nan)]
 )
 def test_a_matrix_that_is_not_positive_has_neither_factor_nor_inverse(matrix: Array) -> None:
-    assert not factor(matrix.copy())
+    assert not factor(matrix.copy(), LEAST_PIVOT)
+    assert not solve(matrix.copy(), np.ones((len(matrix), 1)), LEAST_PIVOT)
     assert not inverse(matrix, np.empty(matrix.shape))
 
 
@@ -98,3 +110,13 @@ def test_the_pseudo_inverse_is_numpys(seed: int, size: int, lacking: int) -> Non
     expected = np.linalg.pinv(matrix, rcond=1e-8, hermitian=True)
     pseudo_inverse(matrix.copy(), 1e-8, out)
     np.testing.assert_allclose(out, expected, atol=1e-8 * max(float(np.abs(expected).max()), 1.0))
+
+
+@pytest.mark.parametrize(("least", "solvable"), [(1e-9, False), (1e-13, True)])
+def test_how_little_must_be_left_of_a_row_is_the_callers_choice(least: float, solvable: bool) -> None:
+    """Marks, surfaces and cameras each had a solver of their own, and each its own idea of singular."""
+    matrix = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-11]])
+    right = np.array([[2.0], [2.0]])
+    assert solve(matrix, right, least) == solvable
+    if solvable:
+        np.testing.assert_allclose(right[:, 0], [2.0, 0.0], atol=1e-3)
