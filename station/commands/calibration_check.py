@@ -13,9 +13,7 @@ from station.commands.outputs import ready_database
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
-    from alignment.units import ARCMIN
     from station.calibration.check import Checked
-    from station.calibration.master import MasterWheel
 
 
 def check_command(
@@ -57,9 +55,11 @@ def check_command(
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from alignment.errors import ConfigurationError
+    from alignment.units import ARCMIN
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration_file
     from station.calibration.check import CheckLimits, check_folder, store_check
+    from station.calibration.master import MasterWheel
     from station.configuration.settings import read_configuration
 
     ready_database(database)

@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_refused(store: ResultStore) -> None:
         store.record_zero(replace(zero(), toe=0.0))
     with pytest.raises(StoreError):
         store.record_zero(zero("zero-2", calibration_id="unknown"))
-    with pytest.raises(StoreError, match=r"found 'zero-9'\. `truewheel zero list` shows them"):
+    with pytest.raises(StoreError, match=r"found 'zero-9'\. See the list of the zero measurements"):
         store.revoke_zero(revocation("zero-9"))
     store.revoke_zero(revocation())
     with pytest.raises(StoreError, match="was revoked on 2026-11-22 already: the master was dropped"):

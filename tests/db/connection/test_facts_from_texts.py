@@ -8,11 +8,11 @@ from typing import Any
 from uuid import UUID, uuid4
 
 import pytest
-from db.connection.migrate import _revisions, head_revision, migrate
 from sqlalchemy import Connection, text
 from sqlalchemy.exc import DBAPIError
 
 from db.connection import make_engine, parse_url
+from db.connection.revisions import _revisions, head_revision, migrate
 from db.records import CalibrationRecord, CycleRecord, EventRecord, Severity
 from db.rows.chain import new_links
 from db.schema import axle_results, calibrations, chain_links, cycles, events, vehicle_results, vehicles
