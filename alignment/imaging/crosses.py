@@ -68,6 +68,17 @@ def _fit_side(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _extents(table: Array, starts: Index) -> Array:
+    """(chains, 2) least and largest x of the points of each chain."""
+    out = np.empty((starts.size - 1, 2))
+    for c in range(starts.size - 1):
+        out[c, 0], out[c, 1] = np.inf, -np.inf
+        for i in range(starts[c], starts[c + 1]):
+            out[c, 0], out[c, 1] = min(out[c, 0], table[i, 0]), max(out[c, 1], table[i, 0])
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_crosses(
     steep: Array,
     steep_starts: Index,
@@ -97,18 +108,12 @@ def find_crosses(
         (capacity, 6): x, y, steep chain, flat chain, slope dx/dy of the steep one, dy/dx of the flat one.
     """
     found = 0
-    ends = np.empty((flat_starts.size - 1, 2))
-    for b in range(flat_starts.size - 1):
-        ends[b, 0], ends[b, 1] = np.inf, -np.inf
-        for i in range(flat_starts[b], flat_starts[b + 1]):
-            ends[b, 0], ends[b, 1] = min(ends[b, 0], flat[i, 0]), max(ends[b, 1], flat[i, 0])
+    ends, steep_ends = _extents(flat, flat_starts), _extents(steep, steep_starts)
     for a in range(steep_starts.size - 1):
         a0, a1 = steep_starts[a], steep_starts[a + 1]
         if a1 - a0 < 2:
             continue
-        xmin, xmax = np.inf, -np.inf
-        for i in range(a0, a1):
-            xmin, xmax = min(xmin, steep[i, 0]), max(xmax, steep[i, 0])
+        xmin, xmax = steep_ends[a, 0], steep_ends[a, 1]
         for b in range(flat_starts.size - 1):
             b0, b1 = flat_starts[b], flat_starts[b + 1]
             # In the flat table the roles are swapped: column 1 is the image's x, column 0 its y.

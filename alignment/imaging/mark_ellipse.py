@@ -276,6 +276,24 @@ def _bands(core: float, reach: float, blur: float, minor: float) -> tuple[float,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _surroundings(
+    p: Array, radius: float, width: int, height: int
+) -> tuple[tuple[int, int, int, int], float, float, float]:
+    """Window of the pixels that may count, squares of ρ between which they do, and the smaller half axis."""
+    outside = max(min(max(0.4 * radius, 4.0), 8.0), 3.0 * p[BLUR])
+    inside = max(_INSIDE, 3.0 * p[BLUR])
+    # Half axes: eigenvalues of UᵀU.
+    trace, det = p[A] ** 2 + p[B] ** 2 + p[C] ** 2, (p[A] * p[C]) ** 2
+    root = math.sqrt(max(trace * trace - 4.0 * det, 0.0))
+    minor, major = math.sqrt(2.0 / (trace + root)), math.sqrt(2.0 / max(trace - root, 1e-12))
+    half = math.ceil(major * (1.0 + outside / minor)) + 1
+    x0, x1 = max(int(p[CX]) - half, 0), min(int(p[CX]) + half + 2, width)
+    y0, y1 = max(int(p[CY]) - half, 0), min(int(p[CY]) + half + 2, height)
+    core, reach = max(1.0 - inside / minor, 0.0) ** 2, (1.0 + outside / minor) ** 2
+    return (x0, x1, y0, y1), core, reach, minor
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fit_ellipses(image: Any, start: Array, ring: Mask, noise: float) -> Array:
     """Fit the model to each mark.
 
@@ -304,18 +322,7 @@ def fit_ellipses(image: Any, start: Array, ring: Mask, noise: float) -> Array:
         size = RING if ring[i] else FULL
         p = start[i].copy()
         radius = 1.0 / math.sqrt(p[A] * p[C])
-        outside = max(min(max(0.4 * radius, 4.0), 8.0), 3.0 * p[BLUR])
-        inside = max(_INSIDE, 3.0 * p[BLUR])
-        # Half axes: eigenvalues of UᵀU.
-        trace, det = p[A] ** 2 + p[B] ** 2 + p[C] ** 2, (p[A] * p[C]) ** 2
-        root = math.sqrt(max(trace * trace - 4.0 * det, 0.0))
-        minor, major = math.sqrt(2.0 / (trace + root)), math.sqrt(2.0 / max(trace - root, 1e-12))
-        reach = (1.0 + outside / minor) ** 2
-        core = max(1.0 - inside / minor, 0.0) ** 2
-        half = math.ceil(major * (1.0 + outside / minor)) + 1
-        x0, x1 = max(int(p[CX]) - half, 0), min(int(p[CX]) + half + 2, width)
-        y0, y1 = max(int(p[CY]) - half, 0), min(int(p[CY]) + half + 2, height)
-        window = (x0, x1, y0, y1)
+        window, core, reach, minor = _surroundings(p, radius, width, height)
         clip = 1e30
         damping = 1e-6
         band = _bands(core, reach, p[BLUR], minor)

@@ -146,6 +146,27 @@ def whole(image: Any) -> Index:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _stretch(lively: Mask, start: int) -> tuple[int, int]:
+    """First block and block behind the last of the next lively stretch from `start` on; alike for none."""
+    first = start
+    while first < lively.size and not lively[first]:
+        first += 1
+    behind = first
+    while behind < lively.size and lively[behind]:
+        behind += 1
+    return first, behind
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _levels(grey: Singles, flank: int) -> tuple[float, float, float]:
+    """Grey level of a ridge in the middle of its neighbours, and of its left and its right flank."""
+    top = grey[flank : flank + 4]
+    left = (grey[0] + grey[1] + grey[2]) / 3.0
+    right = (grey[2 * flank + 1] + grey[2 * flank + 2] + grey[2 * flank + 3]) / 3.0
+    return 0.25 * (top[0] + top[1] + top[2] + top[3]), left, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_rows(
     image: Any,
     view: Index,
@@ -195,29 +216,20 @@ def scan_rows(
         row = row_of(image, view, y)
         found = 0
         _mark_lively(row, contrast, lively)
-        block = 0
-        while block < blocks:
-            if not lively[block]:
-                block += 1
-                continue
-            first = block * _BLOCK
-            while block < blocks and lively[block]:
-                block += 1
+        behind = 0
+        while behind < blocks:
+            first, behind = _stretch(lively, behind)
             # A ridge on the border of a lively stretch still needs its flanks.
-            lo = max(margin, first - box)
-            hi = min(width - margin, block * _BLOCK + box)
-            if hi - lo < 4:
+            lo = max(margin, first * _BLOCK - box)
+            hi = min(width - margin, behind * _BLOCK + box)
+            if first == behind or hi - lo < 4:
                 continue
             _respond(row, lo, hi, pad, weights, grey, response)
             for x in range(1, hi - lo - 2):
                 b, c = response[x], response[x + 1]
                 if not (b > 0.0 and c <= 0.0) or found == _MAX_PER_ROW:
                     continue
-                top = grey[x + pad - 1 : x + pad + 3]
-                centre = 0.25 * (top[0] + top[1] + top[2] + top[3])
-                flanks = grey[x + pad - flank - 1 : x + pad + flank + 3]
-                left = (flanks[0] + flanks[1] + flanks[2]) / 3.0
-                right = (flanks[2 * flank + 1] + flanks[2 * flank + 2] + flanks[2 * flank + 3]) / 3.0
+                centre, left, right = _levels(grey[x + pad - flank - 1 : x + pad + flank + 3], flank)
                 if centre - max(left, right) < contrast:
                     continue
                 a, d = response[x - 1], response[x + 2]
@@ -233,6 +245,46 @@ def scan_rows(
                 found += 1
         starts[j + 1] = n
     return table[:n], starts
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _claim(
+    table: Array,
+    lo: int,
+    hi: int,
+    y: float,
+    step: int,
+    gate: float,
+    c: int,
+    tail: Index,
+    slope: Array,
+    length: Index,
+    taken: Index,
+) -> None:
+    """Let chain c take the point of row y, table rows lo to hi − 1, that is nearest to its prediction.
+
+    Of two chains that want one point the nearer wins; `taken` tells whose each point is.
+    """
+    last = tail[c]
+    dy = y - table[last, Y]
+    expected = table[last, X] + slope[c] * dy
+    width = gate * (1.0 + 0.1 * (dy / step - 1.0))
+    if length[c] < 4:
+        width += step
+    best, best_distance = -1, width
+    for i in range(lo, hi):
+        distance = abs(table[i, X] - expected)
+        if distance < best_distance:
+            best, best_distance = i, distance
+    if best < 0:
+        return
+    rival = taken[best - lo]
+    if rival >= 0:
+        other = tail[rival]
+        rival_expected = table[other, X] + slope[rival] * (y - table[other, Y])
+        if abs(table[best, X] - rival_expected) <= best_distance:
+            return
+    taken[best - lo] = c
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -275,28 +327,8 @@ def link_rows(
         lo, hi = starts[j], starts[j + 1]
         for i in range(hi - lo):
             taken[i] = -1
-        # Every open chain takes the nearest point to its prediction; of two that want one the nearer wins.
         for c in range(open_chains):
-            last = tail[c]
-            dy = float(j * step) - table[last, Y]
-            expected = table[last, X] + slope[c] * dy
-            width = gate * (1.0 + 0.1 * (dy / step - 1.0))
-            if length[c] < 4:
-                width += step
-            best, best_distance = -1, width
-            for i in range(lo, hi):
-                distance = abs(table[i, X] - expected)
-                if distance < best_distance:
-                    best, best_distance = i, distance
-            if best < 0:
-                continue
-            rival = taken[best - lo]
-            if rival >= 0:
-                other = tail[rival]
-                rival_expected = table[other, X] + slope[rival] * (float(j * step) - table[other, Y])
-                if abs(table[best, X] - rival_expected) <= best_distance:
-                    continue
-            taken[best - lo] = c
+            _claim(table, lo, hi, float(j * step), step, gate, c, tail, slope, length, taken)
         # Points that a chain took extend it; the others open chains.
         for i in range(lo, hi):
             c = taken[i - lo]
@@ -323,6 +355,13 @@ def link_rows(
                 slope[open_chains] = 0.0
                 length[open_chains] = 1
                 open_chains += 1
+    return _in_order(follower, is_head, shortest)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_order(follower: Index, is_head: Mask, shortest: int) -> tuple[Index, Index]:
+    """Order and starts of the chains, see `link_rows`, from the point that follows each one; −1 for none."""
+    n = follower.size
     order = np.empty(n, np.int64)
     chain_starts = np.empty(n + 1, np.int64)
     chain_starts[0] = 0
