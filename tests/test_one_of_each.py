@@ -13,6 +13,7 @@ EXCEPTIONS = {
     "STUDY": "what every study shows of itself, found by its name",
     "run": "what every study, and every program of a process, does",
     "main": "where a program begins",
+    "DRIVER": "what the entry point of a camera driver names",
     "events": "the table, and the question that is asked of it",
     "gauge_studies": "the table, and the question that is asked of it",
 }

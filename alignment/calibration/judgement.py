@@ -13,8 +13,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array
 from alignment.calibration import judgement_kernels as kernels
 from alignment.calibration.judgement_kernels import CLEAR, SUSPECT
 from alignment.calibration.knocks import KnockModel
@@ -23,7 +23,6 @@ from alignment.wheel.agreement import HeadMoves
 
 __all__ = ["KNOCKED", "SUSPECT", "Judgement", "judge", "unjudged"]
 
-Array = NDArray[np.float64]
 
 _STEEP = 8.0  # power of the evidence ratio that makes belief: intact rigs hardly come near even odds
 KNOCKED = 20.0

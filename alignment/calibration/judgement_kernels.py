@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.geometry.symmetric import LEAST_PIVOT, eigen, factor, inverse, pseudo_inverse, solve_lower
 from alignment.kernels import njit
 from alignment.stereo.row_kernels import FEWEST, TERMS
 from alignment.wheel.agreement import MOVES
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 # What tyres do to the signs: light shifts a place on a bend or on shining rubber by hundredths of a mm.
 _SKIN_SHIFT_MM = 0.015

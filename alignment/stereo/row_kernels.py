@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment import robust
+from alignment.arrays import Array, Index, Mask
 from alignment.geometry.symmetric import LEAST_PIVOT, solve
 from alignment.kernels import njit
 from alignment.stereo.rectification import rectify
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 TERMS = 5
 """Numbers of a row field: 1, u, v, u·v and v², u and v from −1 to 1 over the left image's width."""
@@ -22,7 +19,6 @@ FEWEST = 15  # pairs of crosses that make a field
 _EVERY = 16  # of a head's matched points tells which lines belong together
 _ROUNDS = 3
 _TINY = 1e-9
-_TUKEY = 4.685
 _LEAST_SIGMA_PX = 0.02
 
 
@@ -208,9 +204,9 @@ def _fit(terms: Array, values: Array, field: Array, information: Array) -> float
     middle = _lower_median(values, spare)
     for i in range(n):
         rest[i] = abs(values[i] - middle)
-    scale = max(1.4826 * _lower_median(rest, spare), _LEAST_SIGMA_PX)
+    scale = max(robust.DEVIATION_OF_MEDIAN * _lower_median(rest, spare), _LEAST_SIGMA_PX)
     for i in range(n):
-        weight[i] = 1.0 if rest[i] <= 2.0 * _TUKEY * scale else 0.0
+        weight[i] = 1.0 if rest[i] <= 2.0 * robust.BIWEIGHT * scale else 0.0
     normal, right = np.empty((TERMS, TERMS)), np.empty((TERMS, 1))
     for _ in range(_ROUNDS):
         for a in range(TERMS):
@@ -233,9 +229,9 @@ def _fit(terms: Array, values: Array, field: Array, information: Array) -> float
             for a in range(TERMS):
                 total -= terms[i, a] * field[a]
             rest[i] = abs(total)
-        scale = max(1.4826 * _lower_median(rest, spare), _LEAST_SIGMA_PX)
+        scale = max(robust.DEVIATION_OF_MEDIAN * _lower_median(rest, spare), _LEAST_SIGMA_PX)
         for i in range(n):
-            u = rest[i] / (_TUKEY * scale)
+            u = rest[i] / (robust.BIWEIGHT * scale)
             inside = max(1.0 - u * u, 0.0)
             weight[i] = inside * inside
     total = squares = 0.0

@@ -11,16 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index, Mask
 from alignment.imaging.lines import LightLines
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.rectification import Rectification, rectify
 from alignment.stereo.row_kernels import FEWEST, TERMS, cross_pairs, fit_fields, pair_figures
 from alignment.values import HeadCalibration
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 __all__ = ["TERMS", "RowFields", "RowView", "RowViews", "fitted_fields", "row_fields"]
 
@@ -50,7 +47,7 @@ class RowFields:
     information: Array
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """(H,) whether a head has a field."""
         return self.pairs >= FEWEST
 
@@ -141,7 +138,7 @@ class RowViews:
 def row_fields(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: Sequence[Candidates],
-    chosen: NDArray[np.bool_],
+    chosen: Mask,
     views: RowViews,
     height: Callable[[Array], Array],
 ) -> RowFields:

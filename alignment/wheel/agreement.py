@@ -11,15 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from alignment.arrays import Array, Index
 from alignment.geometry.symmetric import pseudo_inverse
 from alignment.kernels import njit
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_kernels import pieces_of, slope_of_profile
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _RING = 2.0  # mm; width of the rings whose mean height is left free, which stands for the profile
 MOVES = 5  # a patch may rise, lean two ways, and shift two ways along the slope of the sidewall

@@ -27,7 +27,7 @@ from sensors.drivers.installed import LoadedDriver, installed_drivers, load_driv
 from sensors.formats.validation import FilePath, StrictModel
 
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}_(left|right)$")]
-LARGEST_COUNT = 16
+MOST_RIGS = 16
 """Of rigs of a station."""
 
 

@@ -19,7 +19,7 @@ from sensors.camera import CameraSettings
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 from sensors.frames import FrameTolerance
-from station.configuration.rigs import LARGEST_COUNT, RigSettings, drivers_named, rig_model
+from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import Label, VehicleType, read_vehicle_types
 
 SMALLEST_K, LARGEST_K = 1.6, 5.0
@@ -257,7 +257,7 @@ class StationConfig(StrictModel):
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
     zero: ZeroOptions = Field(default=ZeroOptions(), description="What is believed of a zero measurement")
     rigs: tuple[RigSettings, ...] = Field(
-        min_length=1, max_length=LARGEST_COUNT, description="One per wheel position"
+        min_length=1, max_length=MOST_RIGS, description="One per wheel position"
     )
 
     @model_validator(mode="after")

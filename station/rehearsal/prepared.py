@@ -58,7 +58,7 @@ def prepared_angles_deg(shot: int) -> tuple[float, float]:
     return (shot % CAMBERS - CAMBERS // 2) * CAMBER_STEP_DEG, 0.1
 
 
-class PreparedRig:
+class ArmedRig:
     """Stands for the cameras of one wheel; counts how often it was armed."""
 
     def __init__(self, name: str) -> None:
@@ -83,7 +83,7 @@ class PreparedRig:
 class PreparedPosition(WheelPosition):
     """A wheel position that answers after `shot_s` seconds with the rig's prepared angles."""
 
-    def __init__(self, rig: PreparedRig, shot_s: float) -> None:
+    def __init__(self, rig: ArmedRig, shot_s: float) -> None:
         calibration = _calibration(rig.name)
         in_force = CalibrationInForce(
             calibration, datetime(2026, 1, 1, tzinfo=UTC), 36_500.0, {"id": calibration.id}
@@ -173,7 +173,7 @@ def open_rehearsal(
         seen_line, seen_store = wrapped(line, store)
         cycle = MeasuringCycle(
             Identity(STATION, "rehearsal", "rehearsal"),
-            [PreparedPosition(PreparedRig(name), shot_s) for name in WHEELS],
+            [PreparedPosition(ArmedRig(name), shot_s) for name in WHEELS],
             {KIND.number: KIND},
             seen_line,
             seen_store,

@@ -110,7 +110,7 @@ def _doubled(now: Shot, old: Shot, heads: tuple[int, ...]) -> Shot:
     ]
 
 
-def pictured(rig: StudyRig, scene: WheelScene, rng: np.random.Generator) -> Shot:
+def _pictured(rig: StudyRig, scene: WheelScene, rng: np.random.Generator) -> Shot:
     """Rendered images of a scene before the true cameras."""
     return exposed(lights(scene, rig.true), scene, rng)
 
@@ -118,7 +118,7 @@ def pictured(rig: StudyRig, scene: WheelScene, rng: np.random.Generator) -> Shot
 def mixtures(
     rig: StudyRig,
     seed: int,
-    picture: Callable[[StudyRig, WheelScene, np.random.Generator], Shot] = pictured,
+    picture: Callable[[StudyRig, WheelScene, np.random.Generator], Shot] = _pictured,
 ) -> tuple[WheelScene, list[Mixture]]:
     """Take pictures of the scenes, and make the thirty mixtures; also the scene that counts as true."""
     rng = np.random.default_rng([seed, 42])

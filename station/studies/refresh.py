@@ -41,7 +41,7 @@ _HONEST = 0.15
 
 
 KnockedRig = tuple[RigCalibration, RigCalibration, CameraKey]
-Estimate = Callable[[Sequence[Sequence[StereoImages]], RigCalibration, MeasureSettings], Refreshed]
+_Estimating = Callable[[Sequence[Sequence[StereoImages]], RigCalibration, MeasureSettings], Refreshed]
 
 
 def knocked_rig(rng: np.random.Generator) -> KnockedRig:
@@ -98,7 +98,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     return run_rigs(rigs, shots, seed, progress)
 
 
-def pictured(now: RigCalibration, rng: np.random.Generator) -> tuple[StereoImages, ...]:
+def _pictured(now: RigCalibration, rng: np.random.Generator) -> tuple[StereoImages, ...]:
     """Rendered images of a wheel, drawn at random, before these cameras."""
     camber, toe = rng.uniform(-0.03, 0.03, 2)
     pose, spec = draw_pose(rng, camber, toe), RIG_SPECS["standard"]
@@ -113,8 +113,8 @@ def run_rigs(
     progress: Progress,
     *,
     knock: Callable[[np.random.Generator], KnockedRig] = knocked_rig,
-    picture: Callable[[RigCalibration, np.random.Generator], Sequence[StereoImages]] = pictured,
-    estimate: Estimate = refresh,
+    picture: Callable[[RigCalibration, np.random.Generator], Sequence[StereoImages]] = _pictured,
+    estimate: _Estimating = refresh,
 ) -> StudyResult:
     """Run the study with so many rigs and shots; how rigs, pictures and estimates come about is given."""
     rows: list[Row] = []

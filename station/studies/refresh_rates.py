@@ -77,7 +77,7 @@ def rendered_wheels(count: int, seed: int, progress: Progress) -> tuple[RigCalib
     return true, wheels
 
 
-def calibrated(true: RigCalibration, rng: np.random.Generator) -> RigCalibration:
+def calibrated_in_numbers(true: RigCalibration, rng: np.random.Generator) -> RigCalibration:
     """Return the rig as a plate session finds it."""
     poses = [
         RigidTransform.from_rotvec(np.array([*position.tilt, 0.0]), np.array(position.stage_mm))
@@ -188,7 +188,7 @@ def rate_rows(
     for number, knock in enumerate(jobs):
         progress(0.1 + 0.9 * number / len(jobs), f"rig {number + 1} of {len(jobs)}, {knock.kind}")
         rng = np.random.default_rng([seed, 13, number])
-        known = with_drawn_knock(calibrated(true, rng), knock, rng)
+        known = with_drawn_knock(calibrated_in_numbers(true, rng), knock, rng)
         chosen = [seen[n] for n in rng.choice(len(seen), shots, replace=False)]
         rows.append(judged_refresh(chosen, known, true, knock))
     return rows
