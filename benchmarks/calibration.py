@@ -28,9 +28,9 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.heads_then_poses import rigid_fit
 from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, wheel_points
+from alignment.calibration.two_steps import rigid_fit
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.units import ARCMIN

@@ -13,7 +13,7 @@ from station.cli import app
 
 ROOT = Path(__file__).resolve().parents[1]
 EXCEPTIONS = {
-    "db/upkeep/backup.py": "options of pg_dump and pg_restore, which it runs",
+    "db/upkeep/backups.py": "options of pg_dump and pg_restore, which it runs",
     "station/line/tools/document_text.py": "page of the line interface, whose reader types these commands",
 }
 """Modules that may name an option or a command outside of `station.commands`, and why."""

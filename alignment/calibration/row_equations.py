@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.cross_pairs import CrossPairs
+from alignment.calibration.crosses import CrossPairs
 from alignment.calibration.dense import products
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array, Index
-from alignment.calibration.cross_pairs import SeenWheel
+from alignment.calibration.crosses import SeenWheel
 from alignment.calibration.dense import products
 from alignment.calibration.prediction import line_sensitivity, profile_basis
 from alignment.calibration.row_equations import Equations, camera_rows, compressed

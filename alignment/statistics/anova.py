@@ -17,7 +17,7 @@ from scipy import stats
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.statistics.moments import as_values, mean_of, merged, moments
+from alignment.statistics.summary import as_values, mean_of, merged, moments
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.statistics.choices import ChartKind, RuleSet
 from alignment.statistics.constants import chart_constants
-from alignment.statistics.moments import as_values
 from alignment.statistics.rules import Signal, signals
+from alignment.statistics.summary import as_values
 
 
 @dataclass(frozen=True, eq=False)

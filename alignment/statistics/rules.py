@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from alignment.arrays import Array, Mask
 from alignment.statistics.choices import RuleSet
-from alignment.statistics.moments import as_values
+from alignment.statistics.summary import as_values
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.statistics.moments import as_values, moments
+from alignment.statistics.summary import as_values, moments
 
 ALL_EQUAL = (
     "All values are equal: the resolution is too coarse to judge the spread, or the gauge stands still"

@@ -17,11 +17,11 @@ from alignment.calibration.gate import (
     judge_failure,
     judge_input,
 )
-from alignment.calibration.heads_then_poses import heads_then_poses
 from alignment.calibration.identity import content_digest
 from alignment.calibration.model_choice import ModelChoice, choose_model
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
 from alignment.calibration.start import Start, start_values
+from alignment.calibration.two_steps import heads_then_poses
 from alignment.errors import DegenerateInputError
 from alignment.imaging.plate import MarkObservations
 from alignment.imaging.plate_grid import PlateRefusal, observe_plate

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refresh import Moved, Movement, Refreshed, refresh
+from alignment.calibration.refreshing import Moved, Movement, Refreshed, refresh
 from alignment.errors import ConfigurationError
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration

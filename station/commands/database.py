@@ -91,7 +91,7 @@ def backup(
     as_json: JsonFlag = False,
 ) -> None:
     """Copy the database as it is now, while stations go on writing."""
-    from db.upkeep.backup import backup as make
+    from db.upkeep.backups import backup as make
 
     ready_file(out, new=True)
     make(database, out)
@@ -110,7 +110,7 @@ def restore(
 ) -> None:
     """Make a database out of a copy; there must be none, or an empty one. Then migrate it if need be."""
     from db.connection import current_revision
-    from db.upkeep.backup import restore as make
+    from db.upkeep.backups import restore as make
 
     make(file, database)
     revision = current_revision(database)

@@ -17,7 +17,7 @@ from alignment.arrays import Array
 from alignment.calibration.adjustment import adjust
 from alignment.calibration.observations import CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, angle_covariance, wheel_points
-from alignment.calibration.refresh import Refreshed, refresh
+from alignment.calibration.refreshing import Refreshed, refresh
 from alignment.calibration.row_equations import stepped, with_camera
 from alignment.geometry.transforms import RigidTransform
 from alignment.units import ARCMIN

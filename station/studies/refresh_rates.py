@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.cross_pairs import SeenWheel, cross_pairs, joined, seen_wheel
+from alignment.calibration.crosses import SeenWheel, cross_pairs, joined, seen_wheel
 from alignment.calibration.observations import cameras_of_rig
 from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refresh import Refreshed, Sightings, refresh_from
+from alignment.calibration.refreshing import Refreshed, Sightings, refresh_from
 from alignment.calibration.row_equations import with_camera
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera

@@ -14,12 +14,12 @@ from alignment.calibration.check import check_with_plate
 from alignment.calibration.correction import fit_correction
 from alignment.calibration.dlt import calibrate_dlt
 from alignment.calibration.faugeras import calibrate_faugeras
-from alignment.calibration.heads_then_poses import heads_then_poses, rigid_fit
 from alignment.calibration.lenz import calibrate_lenz
 from alignment.calibration.observations import CalibrationInput, cameras_of_rig
 from alignment.calibration.planar import calibrate_planar
 from alignment.calibration.start import start_values
 from alignment.calibration.tsai import calibrate_tsai
+from alignment.calibration.two_steps import heads_then_poses, rigid_fit
 from alignment.calibration.two_system import calibrate_two_system
 from alignment.errors import DegenerateInputError
 from alignment.geometry.projective import conic_through, fit_homography

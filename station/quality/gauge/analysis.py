@@ -12,9 +12,9 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.statistics.budget import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
+from alignment.statistics.budgets import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
 from alignment.statistics.choices import ChartKind, Conclusion, GrrMethod, RuleSet
-from alignment.statistics.grr import (
+from alignment.statistics.grr_study import (
     ACCEPTABLE_PERCENT,
     CONDITIONAL_PERCENT,
     LEAST_NDC,
@@ -24,12 +24,12 @@ from alignment.statistics.grr import (
     GrrResult,
     grr,
 )
-from alignment.statistics.linearity import linearity
-from alignment.statistics.moments import deviations
+from alignment.statistics.linearity_study import linearity
 from alignment.statistics.rules import rule_source
 from alignment.statistics.spread import ALL_EQUAL, CURE, coarse_step
-from alignment.statistics.stability import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
-from alignment.statistics.type1 import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
+from alignment.statistics.stability_study import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
+from alignment.statistics.summary import deviations
+from alignment.statistics.type1_study import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
 from station.figures import Goal, Row, StudyResult
 from station.quality.gauge import pictures
 from station.quality.gauge.file import GaugeRow
@@ -93,7 +93,7 @@ def analyse_grr(
     ignore_appraiser: bool = False,
     unit: str = "",
 ) -> GaugeReport:
-    """Repeatability and reproducibility; errors as `alignment.statistics.grr.grr`."""
+    """Repeatability and reproducibility; errors as `alignment.statistics.grr_study.grr`."""
     type3 = ignore_appraiser or without_appraiser(rows)
     offset, values = deviations([row.value for row in rows])
     data = GaugeData(
@@ -185,7 +185,7 @@ def analyse_type1(
     resolution: float | None = None,
     unit: str = "",
 ) -> GaugeReport:
-    """Cg and Cgk; errors as `alignment.statistics.type1.type1`."""
+    """Cg and Cgk; errors as `alignment.statistics.type1_study.type1`."""
     _one_part(rows)
     offset, values = _split(rows, reference)
     found = type1(values, reference - offset, tolerance, share=share, spread=spread, resolution=resolution)
@@ -232,7 +232,7 @@ def analyse_type1(
 
 
 def analyse_linearity(rows: Sequence[GaugeRow], *, confidence: float = 0.95, unit: str = "") -> GaugeReport:
-    """Bias over the range; rows carry a reference. Errors as `alignment.statistics.linearity.linearity`."""
+    """Bias over the range; rows carry a reference. Errors as `linearity`."""
     values = np.array([float(row.value) for row in rows])
     references = np.array([_reference(row) for row in rows])
     found = linearity(values, references, confidence)
@@ -291,7 +291,7 @@ def analyse_stability(
     reference: float | None = None,
     unit: str = "",
 ) -> GaugeReport:
-    """Control chart and drift of one master; errors as `alignment.statistics.stability.stability`."""
+    """Control chart and drift of one master; errors as `alignment.statistics.stability_study.stability`."""
     _one_part(rows)
     timed = sorted(((row.utc, row) for row in rows if row.utc is not None), key=lambda pair: pair[0])
     # In the order of time where every value has one, else in that of the file.
@@ -348,7 +348,7 @@ def analyse_stability(
 def analyse_budget(
     components: Sequence[Component], tolerance: float, coverage_factor: float = 2.0, unit: str = ""
 ) -> GaugeReport:
-    """VDA 5 budget; errors as `alignment.statistics.budget.budget`."""
+    """VDA 5 budget; errors as `alignment.statistics.budgets.budget`."""
     found: UncertaintyBudget = budget(components, tolerance, coverage_factor)
     figures = {
         "q_ms": found.q_ms if found.spread_seen else math.nan,

@@ -9,7 +9,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from alignment.errors import FormatError
-from alignment.statistics.budget import Component
+from alignment.statistics.budgets import Component
 from alignment.statistics.choices import Contribution
 from sensors.formats.csv_table import read_table
 

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.statistics.budget import UncertaintyBudget
+from alignment.statistics.budgets import UncertaintyBudget
 from alignment.statistics.charts import ControlChart, Track
-from alignment.statistics.grr import GaugeData, GrrResult
-from alignment.statistics.linearity import LinearityResult
+from alignment.statistics.grr_study import GaugeData, GrrResult
+from alignment.statistics.linearity_study import LinearityResult
 from db.exports.fonts import picture_text
 
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.statistics.capability import (
+from alignment.statistics.capabilities import (
     LEAST_CPK,
     CapabilityIndex,
     capability,
@@ -21,8 +21,8 @@ from alignment.statistics.capability import (
 )
 from alignment.statistics.charts import Baseline, ControlChart, Track, control_chart
 from alignment.statistics.choices import ChartKind, Conclusion, RuleSet
-from alignment.statistics.moments import Moments
 from alignment.statistics.rules import rule_source, rule_texts
+from alignment.statistics.summary import Moments
 from db.queries import (
     Characteristic,
     CharacteristicMoments,

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.heads_then_poses import heads_then_poses, rigid_fit
 from alignment.calibration.observations import cameras_of_rig
+from alignment.calibration.two_steps import heads_then_poses, rigid_fit
 from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.stereo.triangulation import triangulate

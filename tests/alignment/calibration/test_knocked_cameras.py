@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
-from alignment.calibration.cross_pairs import CrossPairs, joined
+from alignment.calibration.crosses import CrossPairs, joined
 from alignment.calibration.observations import CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty, wheel_points
-from alignment.calibration.refresh import (
+from alignment.calibration.refreshing import (
     Movement,
     Refreshed,
     Sightings,

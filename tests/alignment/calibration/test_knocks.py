@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alignment.calibration.cross_pairs import CrossPairs
+from alignment.calibration.crosses import CrossPairs
 from alignment.calibration.knocks import knock_model
 from alignment.calibration.prediction import NominalWheel, wheel_points
 from alignment.calibration.row_equations import row_differences, stepped, with_camera

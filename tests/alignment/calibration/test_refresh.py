@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alignment.calibration.cross_pairs import CrossPairs, joined
+from alignment.calibration.crosses import CrossPairs, joined
 from alignment.calibration.prediction import NominalWheel, wheel_points
-from alignment.calibration.refresh import Movement, Sightings, estimate, refresh_from
+from alignment.calibration.refreshing import Movement, Sightings, estimate, refresh_from
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from alignment.calibration.prediction import angle_sensitivity
-from alignment.calibration.refresh import Movement
+from alignment.calibration.refreshing import Movement
 from alignment.calibration.row_equations import Equations, camera_rows, stepped
 from alignment.calibration.suspicion import (
     Explanation,

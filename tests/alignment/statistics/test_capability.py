@@ -9,13 +9,13 @@ import pytest
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from alignment.statistics.capability import (
+from alignment.statistics.capabilities import (
     capability,
     moving_range_sigma,
     normality_p,
     quantile_performance,
 )
-from alignment.statistics.moments import Moments, moments
+from alignment.statistics.summary import Moments, moments
 
 
 def test_limits_of_cp_of_a_published_example() -> None:

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from alignment.errors import DegenerateInputError
-from alignment.statistics.budget import (
+from alignment.statistics.budgets import (
     Component,
     bias_uncertainty,
     budget,
     resolution_uncertainty,
 )
 from alignment.statistics.choices import Contribution
-from alignment.statistics.linearity import bias, linearity
-from alignment.statistics.stability import drift_of, stability
-from alignment.statistics.type1 import type1
+from alignment.statistics.linearity_study import bias, linearity
+from alignment.statistics.stability_study import drift_of, stability
+from alignment.statistics.type1_study import type1
 
 # AIAG, Measurement Systems Analysis: linearity example, five masters measured twelve times.
 AIAG_LINEARITY = {

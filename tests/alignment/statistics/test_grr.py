@@ -13,8 +13,8 @@ import pytest
 from alignment.errors import DegenerateInputError
 from alignment.statistics.choices import GrrMethod
 from alignment.statistics.constants import d2_star
-from alignment.statistics.grr import GaugeData, grr, range_components
-from alignment.statistics.moments import deviations
+from alignment.statistics.grr_study import GaugeData, grr, range_components
+from alignment.statistics.summary import deviations
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.statistics.choices import RuleSet
-from alignment.statistics.grr import GaugeData, grr
-from alignment.statistics.linearity import linearity
+from alignment.statistics.grr_study import GaugeData, grr
+from alignment.statistics.linearity_study import linearity
 from alignment.statistics.rules import rule_source, signals
-from alignment.statistics.stability import LEAST_SPAN_DAYS, stability
+from alignment.statistics.stability_study import LEAST_SPAN_DAYS, stability
 
 DAY_S = 86_400.0
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from alignment.statistics.anova import one_way, two_way
-from alignment.statistics.moments import Moments, deviations, merged, moments
+from alignment.statistics.summary import Moments, deviations, merged, moments
 
 NINE_DIGITS = 1e-9
 ANOVA_SETS = ("SiRstv", "AtmWtAg", *(f"SmLs{number:02d}" for number in range(1, 10)))

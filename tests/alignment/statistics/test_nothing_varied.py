@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from alignment.statistics.anova import one_way
-from alignment.statistics.budget import Component, budget
-from alignment.statistics.capability import LEAST_CPK, capability, judged, normality_p, quantile_performance
+from alignment.statistics.budgets import Component, budget
+from alignment.statistics.capabilities import LEAST_CPK, capability, judged, normality_p, quantile_performance
 from alignment.statistics.charts import Baseline, control_chart
 from alignment.statistics.choices import ChartKind, Conclusion, Contribution, GrrMethod, RuleSet
-from alignment.statistics.grr import GaugeData, grr
-from alignment.statistics.linearity import bias, linearity
-from alignment.statistics.moments import Moments, merged, moments
+from alignment.statistics.grr_study import GaugeData, grr
+from alignment.statistics.linearity_study import bias, linearity
 from alignment.statistics.spread import coarse_step
-from alignment.statistics.stability import drift_of
-from alignment.statistics.type1 import type1
+from alignment.statistics.stability_study import drift_of
+from alignment.statistics.summary import Moments, merged, moments
+from alignment.statistics.type1_study import type1
 
 # Numbers that no double holds: their mean is not one of them, so a naive spread is not zero.
 STUCK = (0.0, 0.1, 0.3, 1.1, -7.7, 299.85)

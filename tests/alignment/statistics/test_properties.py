@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from alignment.statistics.capability import capability
+from alignment.statistics.capabilities import capability
 from alignment.statistics.charts import control_chart
 from alignment.statistics.choices import ChartKind, GrrMethod, RuleSet
-from alignment.statistics.grr import GaugeData, grr
-from alignment.statistics.moments import merged, moments
+from alignment.statistics.grr_study import GaugeData, grr
 from alignment.statistics.rules import signals
+from alignment.statistics.summary import merged, moments
 
 SMALL = st.floats(-1e3, 1e3, allow_nan=False).map(lambda value: round(value, 3))
 SCALES = st.sampled_from([1e-3, 0.5, 57.29577951308232, 60.0])

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from alignment.statistics.budget import Component, budget
-from alignment.statistics.capability import capability
+from alignment.statistics.budgets import Component, budget
+from alignment.statistics.capabilities import capability
 from alignment.statistics.charts import control_chart
 from alignment.statistics.choices import ChartKind, Contribution, GrrMethod
-from alignment.statistics.grr import GaugeData, grr
-from alignment.statistics.linearity import bias, linearity
-from alignment.statistics.moments import Moments, moments
-from alignment.statistics.stability import LEAST_POINTS, drift_of, stability
-from alignment.statistics.type1 import type1
+from alignment.statistics.grr_study import GaugeData, grr
+from alignment.statistics.linearity_study import bias, linearity
+from alignment.statistics.stability_study import LEAST_POINTS, drift_of, stability
+from alignment.statistics.summary import Moments, moments
+from alignment.statistics.type1_study import type1
 
 FOUR = Moments(5, 0.0, 4.0, -1.0, 1.0)
 """Mean 0, standard deviation 1."""

@@ -12,7 +12,7 @@ from alignment.errors import StoreError, StoreUnavailableError
 from db.connection import WatchedConnection, make_engine, migrate, parse_url
 from db.store import ResultStore
 from db.sums import update_sums
-from db.upkeep.backup import backup
+from db.upkeep.backups import backup
 from db.upkeep.shipping import Shipper
 from tests.db.example_records import CALIBRATION, cycle
 from tests.db.pool import pool_of

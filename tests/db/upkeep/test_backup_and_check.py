@@ -16,7 +16,7 @@ from alignment.errors import Deed, FormatError, Remedy, StoreError
 from db.connection import make_engine, migrate, parse_url
 from db.store import ResultStore
 from db.sums import bring_up_to_date
-from db.upkeep.backup import backup, restore
+from db.upkeep.backups import backup, restore
 from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper
 from station.cli import app

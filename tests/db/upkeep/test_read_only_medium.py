@@ -16,7 +16,7 @@ from alignment.errors import StoreUnavailableError
 from db.connection import make_engine, parse_url, store_errors, unwritten
 from db.queries import ResultReader, yield_counts
 from db.store import ResultStore
-from db.upkeep.backup import backup, restore
+from db.upkeep.backups import backup, restore
 from tests.db.example_plant import plant
 from tests.db.example_records import CALIBRATION
 

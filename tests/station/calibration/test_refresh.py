@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import station.calibration.refresh
-from alignment.calibration.cross_pairs import CrossPairs
+from alignment.calibration.crosses import CrossPairs
 from alignment.calibration.prediction import NominalWheel, wheel_points
-from alignment.calibration.refresh import Moved, Movement, Refreshed, Sightings, refresh_from
+from alignment.calibration.refreshing import Moved, Movement, Refreshed, Sightings, refresh_from
 from alignment.geometry.cameras import PosedCamera
 from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, StereoImages

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from alignment.calibration.refresh import Refreshed
+from alignment.calibration.refreshing import Refreshed
 from alignment.errors import DegenerateInputError
 from alignment.units import ARCMIN
 from station.studies.refresh import angle_errors

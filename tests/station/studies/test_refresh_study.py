@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from alignment.calibration.refresh import Moved, Refreshed
+from alignment.calibration.refreshing import Moved, Refreshed
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
 from station.studies import refresh as study
 

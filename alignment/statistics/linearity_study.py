@@ -14,7 +14,7 @@ from scipy import stats
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.statistics.moments import as_values, moments
+from alignment.statistics.summary import as_values, moments
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from alignment.errors import DegenerateInputError
 from alignment.statistics.anova import Source, one_way, tested_against, two_way
 from alignment.statistics.choices import GrrMethod
 from alignment.statistics.constants import chart_constants, d2_star
-from alignment.statistics.moments import mean_of
+from alignment.statistics.summary import mean_of
 
 POOLING_P = 0.25
 """An interaction is kept when it would arise by chance with less than this probability (AIAG)."""

@@ -17,8 +17,8 @@ from scipy.special import log_ndtr
 
 from alignment.errors import DegenerateInputError
 from alignment.statistics.choices import Conclusion
-from alignment.statistics.moments import Moments, as_values
 from alignment.statistics.spread import ALL_EQUAL, CURE
+from alignment.statistics.summary import Moments, as_values
 
 LEAST_CPK = 1.33
 """What plants ask of Cpk; shown only where the lower confidence limit is above it."""

@@ -15,8 +15,8 @@ from scipy import stats
 from alignment.errors import DegenerateInputError
 from alignment.statistics.charts import ControlChart, control_chart
 from alignment.statistics.choices import ChartKind, RuleSet
-from alignment.statistics.linearity import BiasResult, bias
-from alignment.statistics.moments import as_values, moments
+from alignment.statistics.linearity_study import BiasResult, bias
+from alignment.statistics.summary import as_values, moments
 
 _DAY_S = 86_400.0
 

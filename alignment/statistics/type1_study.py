@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from alignment.errors import DegenerateInputError
-from alignment.statistics.moments import moments
+from alignment.statistics.summary import moments
 
 LEAST_CG = 1.33
 """What plants ask of Cg and Cgk."""

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from alignment.arrays import Array
-from alignment.calibration.cross_pairs import CrossPairs, SeenWheel, cross_pairs, joined, seen_wheel
+from alignment.calibration.crosses import CrossPairs, SeenWheel, cross_pairs, joined, seen_wheel
 from alignment.calibration.observations import CameraKey
 from alignment.calibration.prediction import angle_sensitivity
 from alignment.calibration.row_equations import (
