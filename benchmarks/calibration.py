@@ -27,19 +27,21 @@ import cv2
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
-from alignment.calibration.prediction import NominalWheel, wheel_points
-from alignment.calibration.two_steps import rigid_fit
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.calibration import (
+    CalibrationInput,
+    CameraKey,
+    NominalWheel,
+    adjust,
+    cameras_of_rig,
+    rigid_fit,
+    wheel_points,
+)
+from alignment.geometry import PosedCamera, RigidTransform
 from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
-from alignment.vehicle.angles import camber_toe
-from sensors.simulation.plate_session import plate_positions
-from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.covariance import measured_angles
-from station.studies.simulated_views import SimulatedViews, ViewErrors, observe, square_plate
+from alignment.vehicle import camber_toe
+from sensors.simulation import RIG_SPECS, build_rig, plate_positions
+from station.studies import SimulatedViews, ViewErrors, measured_angles, observe, square_plate
 
 Cameras = dict[CameraKey, PosedCamera]
 

@@ -11,7 +11,7 @@ import math
 import os
 import sys
 
-from station.rehearsal.benchmark import REPEATS, goals, run
+from station.rehearsal import REPEATS, goals, run
 
 LEAST_SPEEDUP = 20.0
 

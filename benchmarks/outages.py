@@ -40,8 +40,7 @@ from db.connection import make_engine, migrate, parse_url
 from db.records import CalibrationRecord
 from db.schema import cycles, wheel_results
 from db.store import ResultStore
-from db.upkeep.check import check_database
-from db.upkeep.shipping import Shipper
+from db.upkeep import Shipper, check_database
 
 STATION = STATIONS[0]
 SEED = 1

@@ -38,8 +38,7 @@ from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
-from station.configuration.environment import damaged_package
-from station.configuration.places import own_config
+from station.configuration import damaged_package, own_config
 
 OWN_PACKAGES = frozenset({"alignment", "sensors", "db", "station"})
 
@@ -90,7 +89,7 @@ def run(
     ] = None,
 ) -> None:
     """Run the station until SIGINT, SIGTERM, SIGHUP or SIGQUIT ends it in order."""
-    from station.running.app import run_station
+    from station.running import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
     run_station(own_config(config))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from db.exports.tables import csv_cell
+from db.exports import csv_cell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from station.warm_up.table import SIGNATURES
+from station.warm_up import SIGNATURES
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "station" / "warm_up" / "table.py"
@@ -34,7 +34,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
 _RECORDER = """
 import json, sys
 from station.warm_up import needs
-from station.warm_up.notation import called
+from station.warm_up import called
 needs.SIGNATURES = {}
 from station.cli import main
 try:

@@ -11,13 +11,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from alignment.imaging.lines import extract_many
+from alignment.imaging import extract_many
 from alignment.measure import measure_wheel
-from alignment.stereo.correspondence import match_lines
+from alignment.stereo import match_lines
 from alignment.values import MeasureSettings, WheelMeasurement
-from sensors.simulation.render import simulate_shot
-from sensors.simulation.rigs import RIG_SPECS, build_rig
-from sensors.simulation.scene import draw_pose, draw_scene
+from sensors.simulation import RIG_SPECS, build_rig, draw_pose, draw_scene, simulate_shot
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "images"
 SEED = 4

@@ -1,1 +1,5 @@
 """Calibration: one camera, a head, the whole rig, and correction functions."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

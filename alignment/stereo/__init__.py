@@ -1,1 +1,5 @@
 """Correspondence and triangulation: from places in two images to points."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Camber, toe, axle and vehicle angles, from wheel axes alone."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
 """Plane, surface of revolution and spin axis of one wheel, with uncertainty."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -19,7 +19,7 @@ from typing import Any
 from uuid import UUID, uuid4
 
 from alignment.errors import InputError
-from alignment.vehicle.axles import ThrustSign
+from alignment.vehicle import ThrustSign
 from db.records.plain import as_read_back, check_values
 
 

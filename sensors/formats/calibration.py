@@ -14,8 +14,7 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from alignment.believable import LARGEST_TURN, place_problem, pose_slip, side_in_name, turn_from_nominal
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from alignment.calibration.observations import CalibrationInput, PlateView
-from alignment.imaging.plate import MarkObservations, Plate
+from alignment.calibration import CalibrationInput, PlateView
+from alignment.imaging import MarkObservations, Plate
 from sensors.formats.calibration import Coordinate
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate

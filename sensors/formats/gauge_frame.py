@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from alignment.believable import NEAREST_MM, place_problem, side_in_name
 from alignment.errors import ConfigurationError, DegenerateInputError
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from sensors.formats.calibration import Pose
 from sensors.formats.plate import PlateDescription, read_plate
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate

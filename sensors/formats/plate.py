@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from alignment.arrays import Array, Index, Mask
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
-from alignment.imaging.plate import Plate
+from alignment.imaging import Plate
 from sensors.formats.csv_table import table_of
 from sensors.formats.files import read_bytes
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate

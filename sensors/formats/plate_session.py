@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AwareDatetime, Field, model_validator
 
 from alignment.arrays import Array
-from alignment.calibration.observations import CameraKey
+from alignment.calibration import CameraKey
 from alignment.errors import DegenerateInputError, FormatError
 from alignment.values import SIDES, Image, Side
 from sensors.formats.calibration import check_side

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from alignment.arrays import Array, Index
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from sensors.formats.calibration import Coordinate, Pose, pose_fields
 from sensors.formats.files import write_bytes
 from sensors.formats.plate import GridIndex

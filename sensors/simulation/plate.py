@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array, Index, Mask, Singles
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
-from alignment.imaging.plate import Plate
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
+from alignment.imaging import Plate
 from alignment.kernels import njit
 from alignment.values import Image
 from sensors.camera import CameraSettings

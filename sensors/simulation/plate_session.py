@@ -9,11 +9,10 @@ from datetime import datetime
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.observations import CameraKey
+from alignment.calibration import CameraKey
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
-from alignment.imaging.plate import Plate
+from alignment.geometry import PosedCamera, RigidTransform
+from alignment.imaging import Plate
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings
 from sensors.formats.plate import PlateDescription, certified

@@ -15,7 +15,7 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from sensors.simulation.surface import kernel, part
 
 _REACH = 3.7  # standard deviations beyond which a blurred edge is over: 1e-4 of the light

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.arrays import Array, Index, Singles
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import PosedCamera, RigidTransform
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings, Frame
 from sensors.shot import HeadFrames, WheelShot

@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
 from sensors.simulation.projector import LinePattern, Projector
 

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array, Index
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
-from alignment.vehicle.angles import camber_toe, normal_from_angles
+from alignment.vehicle import camber_toe, normal_from_angles
 from sensors.formats.truth import WheelTruth
 from sensors.simulation.optics import Optics
 from sensors.simulation.projector import Projector

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.arrays import Array, Index, Mask, Singles
-from alignment.geometry.distortion import unproject_pixel
+from alignment.geometry import unproject_pixel
 from sensors.simulation.projector import irradiance, may_light
 from sensors.simulation.surface import Surface, height, kernel, meet_surface, part, relief_near
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from alignment.calibration.identity import content_digest
+from alignment.calibration import content_digest
 from alignment.values import Image, RigCalibration, Side
 from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera

@@ -8,23 +8,29 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
 
-from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust, as_rig_calibration
-from alignment.calibration.gate import (
+from alignment.calibration import (
+    Adjustment,
+    AdjustmentSettings,
+    CalibrationInput,
     CalibrationProblem,
+    CameraKey,
     GateJudgement,
     GateLimits,
+    ModelChoice,
+    PlateView,
+    Start,
+    adjust,
+    as_rig_calibration,
+    choose_model,
+    content_digest,
+    heads_then_poses,
     judge_calibration,
     judge_failure,
     judge_input,
+    start_values,
 )
-from alignment.calibration.identity import content_digest
-from alignment.calibration.model_choice import ModelChoice, choose_model
-from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
-from alignment.calibration.start import Start, start_values
-from alignment.calibration.two_steps import heads_then_poses
 from alignment.errors import DegenerateInputError
-from alignment.imaging.plate import MarkObservations
-from alignment.imaging.plate_grid import PlateRefusal, observe_plate
+from alignment.imaging import MarkObservations, PlateRefusal, observe_plate
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.formats import PlateSession
 from station.figures import Progress

@@ -9,17 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
-from alignment.calibration.check import PlateCheck, check_with_plate
-from alignment.calibration.observations import CalibrationInput
+from alignment.calibration import CalibrationInput, PlateCheck, check_with_plate
 from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, WheelMeasurement
 from db.records import CalibrationCheckRecord, CalibrationRecord, CheckKind, CheckOutcome
 from db.store import ResultStore
-from sensors.formats import CalibrationFile, PlateSession, read_plate_session, read_shot
-from sensors.formats.plate_session import SESSION_FILE
-from sensors.formats.validation import validate
+from sensors.formats import (
+    SESSION_FILE,
+    CalibrationFile,
+    PlateSession,
+    read_plate_session,
+    read_shot,
+    validate,
+)
 from sensors.shot import WheelShot
 from station.calibration.calibrate import observe_session
 from station.calibration.master import MasterWheel

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from alignment.calibration.gauge import (
+from alignment.calibration import (
+    CalibrationInput,
     CertifiedPlate,
     PlacedRig,
     judge_placing,
@@ -20,24 +21,24 @@ from alignment.calibration.gauge import (
     predicted_u95,
     transfer_u95,
 )
-from alignment.calibration.observations import CalibrationInput
 from alignment.errors import ConfigurationError, Deed, FormatError, Remedy
 from alignment.units import ARCMIN
 from alignment.values import RigCalibration
 from db.records import CalibrationRecord
 from db.store import ResultStore
 from sensors.formats import (
+    SESSION_FILE,
     CalibrationFile,
     GaugeFrame,
     PlateDescription,
     PlateSession,
+    describe_calibration,
+    dump_json,
+    entries,
     read_calibration_file,
     read_plate_session,
+    write_folder,
 )
-from sensors.formats.calibration import describe_calibration
-from sensors.formats.files import entries, write_folder
-from sensors.formats.plate_session import SESSION_FILE
-from sensors.formats.validation import dump_json
 from station.calibration.calibrate import calibration_id, observe_session
 from station.figures import Progress
 

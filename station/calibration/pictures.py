@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from alignment.arrays import Array
-from alignment.calibration.adjustment import Adjustment
-from alignment.calibration.prediction import NominalWheel, point_covariance
+from alignment.calibration import Adjustment, NominalWheel, point_covariance
 from alignment.values import HeadCalibration, RigCalibration
 
 DEPTHS_MM = (-30.0, 0.0, 30.0)

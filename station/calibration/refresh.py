@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refreshing import Moved, Movement, Refreshed, refresh
+from alignment.calibration import Moved, Movement, Refreshed, predict_angle_uncertainty, refresh
 from alignment.errors import ConfigurationError
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration

@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from alignment.calibration.adjustment import Adjustment
-from alignment.calibration.gate import GateJudgement
-from alignment.calibration.prediction import NominalWheel
+from alignment.calibration import Adjustment, GateJudgement, NominalWheel
 from alignment.units import ARCMIN
 from alignment.values import Side, nominal_vehicle_from_rig
-from sensors.formats.files import write_bytes
+from sensors.formats import write_bytes
 from station.calibration.pictures import (
     image_coverage,
     mark_corrections,

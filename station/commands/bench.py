@@ -27,7 +27,7 @@ def bench(
 
     Exit status 1 when a goal is missed. Times mean something on a machine that does nothing else.
     """
-    from station.rehearsal.benchmark import LEAST_SPEEDUP, MOST_MEMORY_MB, MOST_MS, goals, run
+    from station.rehearsal import LEAST_SPEEDUP, MOST_MEMORY_MB, MOST_MS, goals, run
 
     compiled_for(("measure_8", "wheel_images"), as_json)
     figures = run(repeats, warm_up)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from sensors.formats import PlateSession
-    from station.calibration.calibrate import Calibrated
+    from station.calibration import Calibrated
 
 
 class MethodOption(StrEnum):
@@ -75,10 +75,13 @@ def calibrate(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from sensors.formats import read_plate_session, write_calibration_input
-    from sensors.formats.calibration import describe_calibration, write_calibration_file
-    from station.calibration.calibrate import CalibrateSettings, Method, calibrate_session
-    from station.calibration.check import accept_calibration
+    from sensors.formats import (
+        describe_calibration,
+        read_plate_session,
+        write_calibration_file,
+        write_calibration_input,
+    )
+    from station.calibration import CalibrateSettings, Method, accept_calibration, calibrate_session
 
     ready_file(out)
     ready_folder(report, "report")
@@ -126,7 +129,7 @@ def calibrate(
 
 def _write_report(folder: Path, found: Calibrated, images: PlateSession, now: datetime) -> Path | None:
     """None when there was nothing to adjust, so nothing to draw."""
-    from station.calibration.report import write_calibration_report
+    from station.calibration import write_calibration_report
 
     if found.adjustment is None:
         return None

@@ -50,8 +50,7 @@ def export_command(
 
     The covariance and the pose of the rig in the vehicle stay behind.
     """
-    from sensors.formats import read_calibration
-    from sensors.formats.exchange import export_calibration
+    from sensors.formats import export_calibration, read_calibration
 
     if kind is FormatOption.MRCAL:
         ready_folder(out)
@@ -93,9 +92,8 @@ def import_command(
     from dataclasses import replace
     from datetime import UTC, datetime
 
-    from alignment.calibration.identity import content_digest
-    from sensors.formats import write_calibration
-    from sensors.formats.exchange import baselines_mm, import_calibration
+    from alignment.calibration import content_digest
+    from sensors.formats import baselines_mm, import_calibration, write_calibration
 
     ready_file(out, new=True)
     imported = import_calibration(

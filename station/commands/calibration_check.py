@@ -13,7 +13,7 @@ from station.commands.outputs import ready_database
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
-    from station.calibration.check import Checked
+    from station.calibration import Checked
 
 
 def check_command(
@@ -58,9 +58,8 @@ def check_command(
     from alignment.units import ARCMIN
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration_file
-    from station.calibration.check import CheckLimits, check_folder, store_check
-    from station.calibration.master import MasterWheel
-    from station.configuration.settings import read_configuration
+    from station.calibration import CheckLimits, MasterWheel, check_folder, store_check
+    from station.configuration import read_configuration
 
     ready_database(database)
     if (camber is None) != (toe is None):

@@ -11,7 +11,7 @@ from station.commands.output import GOAL_MISSED, JsonFlag, print_json, reason_of
 from station.commands.outputs import ready_database, ready_new_folder
 from station.commands.warm_up import compiled_for
 from station.commands.words import remedy_in_commands
-from station.configuration.places import default_config
+from station.configuration import default_config
 
 
 def frame_command(
@@ -56,7 +56,7 @@ def frame_command(
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     from sensors.formats import read_gauge_frame
-    from station.calibration.frame import framed_as_json, keep, place_rigs
+    from station.calibration import framed_as_json, keep, place_rigs
 
     ready_new_folder(out)
     ready_database(database)
@@ -135,8 +135,7 @@ def simulate_gauge_session_command(
     The calibrations hold the true cameras and the nominal pose of the rig; the truths hold the true pose.
     """
     from sensors.formats import read_gauge_frame
-    from station.rehearsal.gauge_simulation import simulate_gauge_session, write_gauge_session
-    from station.rehearsal.simulation import read_simulation
+    from station.rehearsal import read_simulation, simulate_gauge_session, write_gauge_session
 
     ready_new_folder(out)
     compiled_for(("plate_images",), as_json)

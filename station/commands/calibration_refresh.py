@@ -49,8 +49,8 @@ def refresh_command(
 
     from alignment.units import ARCMIN
     from alignment.values import MeasureSettings
-    from station.calibration.refresh import refresh_file, refreshed_as_json
-    from station.configuration.settings import read_configuration
+    from station.calibration import refresh_file, refreshed_as_json
+    from station.configuration import read_configuration
 
     ready_file(out)
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()

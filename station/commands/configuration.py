@@ -10,7 +10,7 @@ import typer
 from alignment.errors import Words
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
 from station.commands.words import remedy_in_commands
-from station.configuration.places import own_config
+from station.configuration import own_config
 
 config_app = typer.Typer(no_args_is_help=True, help="The station's configuration.")
 
@@ -23,7 +23,7 @@ def init(
     as_json: JsonFlag = False,
 ) -> None:
     """Write a configuration with simulated rigs that starts as it stands, to be edited."""
-    from station.configuration.starter import write_starter
+    from station.configuration import write_starter
 
     written = write_starter(folder, station)
     if as_json:
@@ -45,7 +45,7 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Validate a configuration and all that it names, without starting; every mistake at once."""
-    from station.running.checking import check_configuration
+    from station.running import check_configuration
 
     path = own_config(file)
     configuration, errors = check_configuration(path)

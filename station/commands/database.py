@@ -10,7 +10,7 @@ import typer
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_file
 from station.commands.words import remedy_in_commands
-from station.configuration.places import default_config
+from station.configuration import default_config
 
 db_app = typer.Typer(no_args_is_help=True, help="The result database.")
 
@@ -44,7 +44,7 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Look for damage, gaps, missing records and sums that disagree; changes nothing."""
-    from db.upkeep.check import check_database
+    from db.upkeep import check_database
 
     report = check_database(database, None if everything else days)
     if as_json:
@@ -91,7 +91,7 @@ def backup(
     as_json: JsonFlag = False,
 ) -> None:
     """Copy the database as it is now, while stations go on writing."""
-    from db.upkeep.backups import backup as make
+    from db.upkeep import backup as make
 
     ready_file(out, new=True)
     make(database, out)
@@ -110,7 +110,7 @@ def restore(
 ) -> None:
     """Make a database out of a copy; there must be none, or an empty one. Then migrate it if need be."""
     from db.connection import current_revision
-    from db.upkeep.backups import restore as make
+    from db.upkeep import restore as make
 
     make(file, database)
     revision = current_revision(database)
@@ -196,9 +196,9 @@ def retention(
     from alignment.errors import InputError
     from db.connection import station_lock
     from db.store import ResultStore
-    from db.upkeep.retention import enforce, kept, leaving
-    from station.configuration.settings import read_configuration
-    from station.store.opening import archive_policy
+    from db.upkeep import enforce, kept, leaving
+    from station.configuration import read_configuration
+    from station.store import archive_policy
 
     configuration = read_configuration(default_config(config))
     archive = configuration.settings.archive
@@ -264,8 +264,8 @@ def event(
     from db.queries import Filter, ResultReader, require_known
     from db.records import EventRecord, Severity
     from db.store import ResultStore
-    from station.quality.periods import read_time
-    from station.quality.reports.compare import TEMPERATURE
+    from station.quality import read_time
+    from station.quality.reports import TEMPERATURE
 
     if (text is None) == (temperature is None):
         raise InputError(

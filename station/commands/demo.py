@@ -12,12 +12,12 @@ import typer
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_database, ready_folder
 from station.commands.warm_up import compiled_for
-from station.configuration.places import default_config
+from station.configuration import default_config
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.rehearsal.demo import DemoResult, DemoVehicle, DemoWheel
+    from station.rehearsal import DemoResult, DemoVehicle, DemoWheel
 
 
 def demo(
@@ -46,7 +46,7 @@ def demo(
         TimeRemainingColumn,
     )
 
-    from station.configuration.settings import read_configuration
+    from station.configuration import read_configuration
 
     ready_folder(out)
     ready_database(database, create=True)
@@ -57,7 +57,7 @@ def demo(
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task("loading", total=vehicles * len(configuration.settings.rigs))
         # Loads renderer and mathematics, which takes seconds: the bar is there first.
-        from station.rehearsal.demo import demo_configuration, run_demo
+        from station.rehearsal import demo_configuration, run_demo
 
         folder.mkdir(parents=True, exist_ok=True)
         url = database or f"sqlite:///{folder.resolve() / 'results.db'}"

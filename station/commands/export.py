@@ -26,7 +26,7 @@ from station.commands.selection import (
 )
 
 if TYPE_CHECKING:
-    from db.exports.rows import AngleRow
+    from db.exports import AngleRow
     from db.queries import Filter, ResultReader
 
 
@@ -79,7 +79,7 @@ def export(
     else:
         from db.queries import ResultReader, events, require_known
         from db.records import Severity
-        from station.quality.selection import read_filter, read_zone
+        from station.quality import read_filter, read_zone
 
         where = read_filter(
             from_time, until_time, shift, timezone, station, plant, vehicle_type, wheel, verdict, vin
@@ -88,7 +88,7 @@ def export(
             require_known(reader, where)
             rows = _rows(reader, where)
             if kind is ExportKind.AQDEF:
-                from db.exports.aqdef import write_aqdef
+                from db.exports import write_aqdef
 
                 # Two events of every cycle say that all went well: no file holds them.
                 happened = events(reader, where, severities=(Severity.WARNING, Severity.ERROR))
@@ -103,7 +103,7 @@ def export(
                     },
                 }
             else:
-                from db.exports.tables import write_csv, write_parquet
+                from db.exports import write_csv, write_parquet
 
                 write = write_csv if kind is ExportKind.CSV else write_parquet
                 answer = {"files": [str(out)], "figures": {"rows": write(out, rows)}}
@@ -115,7 +115,7 @@ def export(
 
 
 def _rows(reader: ResultReader, where: Filter) -> Iterator[AngleRow]:
-    from db.exports.rows import angle_rows
+    from db.exports import angle_rows
     from db.queries import cycle_records
 
     for stored in cycle_records(reader, where):
@@ -132,11 +132,10 @@ def _certificate(
     from uuid import UUID
 
     from alignment.errors import ConfigurationError
-    from db.exports.certificate import write_vehicle_certificate
+    from db.exports import write_vehicle_certificate
     from db.queries import ResultReader, vin_history
-    from station.quality.gauge.certificate import write_study_certificate
-    from station.quality.gauge.store import load_gauge_study
-    from station.quality.selection import newest_vin
+    from station.quality import newest_vin
+    from station.quality.gauge import load_gauge_study, write_study_certificate
 
     if vin is not None and study is not None:
         raise ConfigurationError(field="--vin, --study", expected="one of both", seen="both")

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from alignment.errors import ConfigurationError
-from alignment.statistics.choices import ChartKind, GrrMethod, RuleSet
+from alignment.statistics import ChartKind, GrrMethod, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_folder
 from station.commands.selection import FromOption, UntilOption
 
 if TYPE_CHECKING:
-    from station.quality.gauge.analysis import GaugeReport
-    from station.quality.gauge.source import GaugeSource
+    from station.quality.gauge import GaugeReport, GaugeSource
 
 gauge_app = typer.Typer(
     no_args_is_help=True,
@@ -100,8 +99,7 @@ def type1_command(
 ) -> None:
     """Cg and Cgk: one master, measured again and again; exit status 1 when not capable."""
     from db.records import StudyKind
-    from station.quality.gauge.analysis import analyse_type1
-    from station.quality.gauge.source import open_source
+    from station.quality.gauge import analyse_type1, open_source
 
     ready_folder(out)
     source = open_source(
@@ -162,8 +160,7 @@ def grr_command(
     Columns part, appraiser, trial, value. Without appraisers, or with one, it is a study of type 3.
     """
     from db.records import StudyKind
-    from station.quality.gauge.analysis import analyse_grr
-    from station.quality.gauge.source import open_source
+    from station.quality.gauge import analyse_grr, open_source
 
     ready_folder(out)
     source = open_source(StudyKind.GRR, from_file, database, study, name, unit, {"tolerance": tolerance})
@@ -195,8 +192,7 @@ def linearity_command(
 ) -> None:
     """Bias over the range; exit status 1 when zero bias is outside of the band. Columns reference, value."""
     from db.records import StudyKind
-    from station.quality.gauge.analysis import analyse_linearity
-    from station.quality.gauge.source import open_source
+    from station.quality.gauge import analyse_linearity, open_source
 
     ready_folder(out)
     source = open_source(StudyKind.LINEARITY, from_file, database, study, name, unit, {})
@@ -226,8 +222,7 @@ def stability_command(
     Columns time, value.
     """
     from db.records import StudyKind
-    from station.quality.gauge.analysis import analyse_stability
-    from station.quality.gauge.source import open_source
+    from station.quality.gauge import analyse_stability, open_source
 
     ready_folder(out)
     source = open_source(
@@ -290,9 +285,7 @@ def budget_command(
 
     Contributions from a file, from the files of gauge studies, or both.
     """
-    from station.quality.gauge.analysis import analyse_budget
-    from station.quality.gauge.budget import collect_components
-    from station.quality.gauge.source import GaugeSource
+    from station.quality.gauge import GaugeSource, analyse_budget, collect_components
 
     ready_folder(out)
     given = [str(file) for file in (from_file, type1_file, grr_file) if file is not None]
@@ -336,7 +329,7 @@ def plan_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Plan a study that live cycles will fill; shows the order in which to drive."""
-    from station.quality.gauge.plan import plan_from_text
+    from station.quality.gauge import plan_from_text
 
     record = plan_from_text(
         database, kind, name, characteristic, part, appraiser or [], trials, tolerance, station, seed
@@ -361,8 +354,8 @@ def fill_command(
 
     The first cycle of a part is its first run of the plan, and so on. Filling again adds what came meanwhile.
     """
-    from station.quality.gauge.store import fill_study
-    from station.quality.periods import read_time
+    from station.quality import read_time
+    from station.quality.gauge import fill_study
 
     filled = fill_study(
         database,
@@ -387,7 +380,7 @@ def fill_command(
 @gauge_app.command("list")
 def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
     """Show all studies, newest first."""
-    from station.quality.gauge.store import all_studies, planned_runs
+    from station.quality.gauge import all_studies, planned_runs
 
     found = [
         {
@@ -427,7 +420,7 @@ def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json:
 
 
 def _show(report: GaugeReport, source: GaugeSource, files: list[Path]) -> None:
-    from station.quality.text_tables import figure_table, table, terminal
+    from station.quality import figure_table, table, terminal
 
     console = terminal()
     console.print(f"{report.summary} {source.name}", markup=False, highlight=False)

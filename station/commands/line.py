@@ -12,16 +12,15 @@ import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_file
-from station.configuration.places import default_config
+from station.configuration import default_config
 
 if TYPE_CHECKING:
     import can
 
-    from station.configuration.settings import Configuration
-    from station.line.plc.orders import PlcOrder, PlcResult
-    from station.line.tools.trial import PointVerdict, Trial, Vehicles
-    from station.line.wire.channel import BusSettings
-    from station.line.wire.dbc import LineDatabase
+    from station.configuration import Configuration
+    from station.line.plc import PlcOrder, PlcResult
+    from station.line.tools import PointVerdict, Trial, Vehicles
+    from station.line.wire import BusSettings, LineDatabase
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
 
@@ -65,9 +64,9 @@ def plc(
     Exit status 1 unless all vehicles are ok, or all scenarios are answered as they must be.
     """
     from alignment.errors import ConfigurationError
-    from station.line.plc.orders import PlcOrder
-    from station.line.tools.scenarios import play_scenarios, read_scenarios
-    from station.line.wire.vin import checked_vin
+    from station.line.plc import PlcOrder
+    from station.line.tools import play_scenarios, read_scenarios
+    from station.line.wire import checked_vin
 
     if (vin is None) == (scenario is None):
         raise ConfigurationError(
@@ -117,9 +116,8 @@ def check(
 ) -> None:
     """Try out on a station everything that the line interface demands; exit status 1 unless all is passed."""
     from alignment.errors import ConfigurationError
-    from station.line.tools.conformance import check_station
-    from station.line.tools.trial import Vehicles
-    from station.line.wire.vin import checked_vin
+    from station.line.tools import Vehicles, check_station
+    from station.line.wire import checked_vin
 
     wheels = tuple(wheel) if wheel else None
     vehicles = Vehicles(checked_vin(vin), vehicle_type, unknown_type, patience_s, wheels)
@@ -160,9 +158,8 @@ def monitor(
     as_json: JsonFlag = False,
 ) -> None:
     """Show traffic decoded by the DBC, live or from a log; exit status 1 for a frame in error or lost."""
-    from station.line.tools.logs.reading import read_log
-    from station.line.tools.monitor import decoded, live_frames, recorded
-    from station.line.wire.bus import open_bus
+    from station.line.tools import decoded, live_frames, read_log, recorded
+    from station.line.wire import open_bus
 
     ready_file(out)
     configuration = _read(config)
@@ -198,8 +195,8 @@ def cable(as_json: JsonFlag = False) -> None:
     """Join two serial devices back to back until SIGINT or SIGTERM: a line without hardware."""
     import threading
 
-    from station.line.tools.cable import SLCAN_OPTIONS, Cable
-    from station.running.app import stop_on_signals
+    from station.line.tools import SLCAN_OPTIONS, Cable
+    from station.running import stop_on_signals
 
     stopping = threading.Event()
     with stop_on_signals(stopping), Cable() as opened:
@@ -216,7 +213,7 @@ def document(
     config: ConfigOption = None,
 ) -> None:
     """Write the description of the line interface, from the DBC and the program's own tables."""
-    from station.line.tools.document import interface_document
+    from station.line.tools import interface_document
 
     ready_file(out)
     out.write_text(interface_document(_database(_read(config))), encoding="utf-8")
@@ -224,20 +221,20 @@ def document(
 
 
 def _read(config: Path | None) -> Configuration:
-    from station.configuration.settings import read_configuration
+    from station.configuration import read_configuration
 
     return read_configuration(default_config(config))
 
 
 def _database(configuration: Configuration) -> LineDatabase:
-    from station.line.wire.dbc import load_line_database
+    from station.line.wire import load_line_database
 
     return load_line_database(configuration.path(configuration.settings.line.dbc))
 
 
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
-    from station.line.tools.cable import SLCAN_OPTIONS
-    from station.line.wire.channel import BusSettings
+    from station.line.tools import SLCAN_OPTIONS
+    from station.line.wire import BusSettings
 
     line = configuration.settings.line
     settings = BusSettings(line.interface, line.channel, line.bitrate, options=line.options)
@@ -254,7 +251,7 @@ def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> 
     if not simulated:
         yield settings
         return
-    from station.rehearsal.simulated import simulated_station
+    from station.rehearsal import simulated_station
 
     with simulated_station(database) as own:
         yield own
@@ -262,10 +259,9 @@ def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> 
 
 @contextmanager
 def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) -> Iterator[Trial]:
-    from station.line.plc.orders import PlcTimeouts
-    from station.line.plc.simulator import PlcSimulator
-    from station.line.tools.trial import Trial
-    from station.line.wire.bus import open_bus
+    from station.line.plc import PlcSimulator, PlcTimeouts
+    from station.line.tools import Trial
+    from station.line.wire import open_bus
 
     timeouts = PlcTimeouts(done_s=vehicles.patience_s)
     with open_bus(settings) as bus, PlcSimulator(bus, database, timeouts=timeouts) as simulator:
@@ -276,8 +272,8 @@ def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) ->
 def _order_vehicles(
     settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], as_json: bool
 ) -> None:
-    from station.cycle.words import Outcome
-    from station.line.plc.simulator import run_plc
+    from station.cycle import Outcome
+    from station.line.plc import run_plc
 
     results = []
     for result in run_plc(settings, database.file, orders):

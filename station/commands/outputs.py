@@ -71,7 +71,7 @@ def ready_new_folder(path: Path) -> None:
     ConfigurationError
         As `ready_folder`.
     """
-    from sensors.formats.files import require_new
+    from sensors.formats import require_new
 
     if _is(path, "out", folder=True) or path.is_file():
         require_new(path)

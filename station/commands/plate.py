@@ -11,7 +11,7 @@ from station.commands.output import JsonFlag, print_json
 from station.commands.outputs import ready_new_folder
 from station.commands.warm_up import compiled_for
 from station.commands.wheel import SideOption
-from station.configuration.places import default_config
+from station.configuration import default_config
 
 
 def simulate_plate_session_command(
@@ -33,8 +33,7 @@ def simulate_plate_session_command(
 ) -> None:
     """Render images of a plate: a session, truth.json, and calibration.json with the true cameras."""
     from sensors.formats import read_plate
-    from station.rehearsal.plate_simulation import simulate_session, write_simulated_session
-    from station.rehearsal.simulation import read_simulation
+    from station.rehearsal import read_simulation, simulate_session, write_simulated_session
 
     ready_new_folder(out)
     compiled_for(("plate_images",), as_json)

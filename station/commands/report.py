@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from alignment.statistics.choices import ChartKind, RuleSet
+from alignment.statistics import ChartKind, RuleSet
 from station.commands.database import DatabaseOption
 from station.commands.output import JsonFlag, print_json
 from station.commands.outputs import ready_file
@@ -23,10 +23,10 @@ from station.commands.selection import (
     WheelOption,
     ZoneOption,
 )
-from station.quality.reports.choices import ReportKind, SplitBy
+from station.quality.reports import ReportKind, SplitBy
 
 if TYPE_CHECKING:
-    from station.quality.reports.report import Report
+    from station.quality.reports import Report
 
 _LONGEST_TABLE = 30
 
@@ -79,9 +79,8 @@ def report(
     from datetime import UTC, datetime
 
     from db.queries import Characteristic, ResultReader, require_known
-    from station.quality.periods import read_time
-    from station.quality.reports.make import ReportOptions, make_report, require_ending, write_report
-    from station.quality.selection import read_filter
+    from station.quality import read_filter, read_time
+    from station.quality.reports import ReportOptions, make_report, require_ending, write_report
 
     if out is not None:
         require_ending(out)
@@ -111,7 +110,7 @@ def report(
 
 
 def _show(found: Report, out: Path | None) -> None:
-    from station.quality.text_tables import shown, table, terminal
+    from station.quality import shown, table, terminal
 
     console = terminal()
     console.print(f"{found.title}: {found.about}", markup=False, highlight=False)

@@ -9,8 +9,7 @@ from pydantic import BaseModel
 from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, told
 from sensors.drivers.installed import LoadedDriver, installed_drivers, load_driver
 from sensors.formats import SCHEMAS
-from station.configuration.settings import StationConfig, station_model
-from station.configuration.vehicle_types import VehicleType
+from station.configuration import StationConfig, VehicleType, station_model
 
 
 def schema_of(name: str) -> dict[str, Any]:
@@ -27,7 +26,7 @@ def schema_of(name: str) -> dict[str, Any]:
         known[name] = station_model(_all_drivers())
     if name == "simulation":
         # Loads the renderer, which the others do without.
-        from station.rehearsal.simulation import SimulationConfig
+        from station.rehearsal import SimulationConfig
 
         known[name] = SimulationConfig
     if name not in known:

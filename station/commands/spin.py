@@ -15,7 +15,7 @@ from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
     from alignment.values import MeasureSettings, Refusal
-    from alignment.wheel.spin import SpinMeasurement
+    from alignment.wheel import SpinMeasurement
 
 
 def measure_turned_wheel(

@@ -10,7 +10,7 @@ import typer
 from alignment.errors import SeveralErrors, TruewheelError
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_folder
-from station.studies.registry import STUDIES
+from station.studies import STUDIES
 
 if TYPE_CHECKING:
     from station.figures import StudyResult
@@ -35,7 +35,7 @@ def study(
     )
 
     from station.figures import write_study
-    from station.studies.registry import load_study
+    from station.studies import load_study
 
     ready_folder(out)
     results: dict[str, dict[str, Any]] = {}

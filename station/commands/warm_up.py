@@ -13,15 +13,15 @@ from station.commands.output import JsonFlag, print_json
 
 if TYPE_CHECKING:
     from alignment.values import StereoImages
-    from station.warm_up.prepare import WarmedUp, WarmUpProgress
+    from station.warm_up import WarmedUp, WarmUpProgress
 
 _WHAT = "compiling for this computer (once)"
 
 
 def warm_up(as_json: JsonFlag = False) -> None:
     """Compile the image functions for this computer, once, so that nothing waits for it later."""
-    from station.warm_up.needs import Work
-    from station.warm_up.prepare import warm_up as prepare
+    from station.warm_up import Work
+    from station.warm_up import warm_up as prepare
 
     with _shown(as_json) as report:
         done = prepare(Work, report, loaded=False)
@@ -65,11 +65,11 @@ def compiled_for(works: Iterable[str], as_json: bool) -> None:
     WarmUpError
         When something does not compile.
     """
-    from station.warm_up.needs import Work, missing
+    from station.warm_up import Work, missing
 
     wanted = [Work(work) for work in works]
     if missing(wanted):
-        from station.warm_up.prepare import warm_up as prepare
+        from station.warm_up import warm_up as prepare
 
         with _shown(as_json) as report:
             prepare(wanted, report, loaded=False)

@@ -57,7 +57,7 @@ def measure(
     from alignment.values import MeasureSettings
     from sensors.formats import read_calibration, read_shot
     from station.commands.spin import measure_turned_wheel
-    from station.configuration.settings import read_configuration
+    from station.configuration import read_configuration
 
     settings = MeasureSettings() if config is None else read_configuration(config).settings.measure.settings()
     if spin:
@@ -177,8 +177,8 @@ def simulate_wheel_command(
 ) -> None:
     """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
     from alignment.errors import ConfigurationError
-    from sensors.simulation.scene import WheelPose
-    from station.rehearsal.simulation import read_simulation, simulate_wheel, write_simulated_wheel
+    from sensors.simulation import WheelPose
+    from station.rehearsal import read_simulation, simulate_wheel, write_simulated_wheel
 
     ready_new_folder(out)
     farthest = max(map(abs, offset))

@@ -60,9 +60,8 @@ def measure_command(
     from db.records import CalibrationRecord
     from db.store import ResultStore
     from sensors.formats import read_calibration_file, read_shot
-    from station.calibration.master import MasterWheel
-    from station.calibration.zero import LARGEST_ZERO, measure_zero
-    from station.configuration.settings import read_configuration
+    from station.calibration import LARGEST_ZERO, MasterWheel, measure_zero
+    from station.configuration import read_configuration
 
     ready_database(database)
     forced_reason = reason_of_force(force, reason, "zero measurement")

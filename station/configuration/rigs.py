@@ -24,7 +24,7 @@ from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.values import Side
 from sensors.drivers.driver import RigDriver
 from sensors.drivers.installed import LoadedDriver, installed_drivers, load_driver
-from sensors.formats.validation import FilePath, StrictModel
+from sensors.formats import FilePath, StrictModel
 
 WheelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}_(left|right)$")]
 MOST_RIGS = 16

@@ -16,8 +16,7 @@ from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
 from alignment.values import MeasureSettings
 from sensors.camera import CameraSettings
-from sensors.formats.files import read_bytes
-from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
+from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import Label, VehicleType, read_vehicle_types

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from alignment.errors import ConfigurationError
-from sensors.formats.validation import StrictModel, load_toml, validate
+from sensors.formats import StrictModel, load_toml, validate
 
 _M = TypeVar("_M", bound=StrictModel)
 

@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
-from sensors.formats.files import entries
-from sensors.formats.validation import StrictModel
+from sensors.formats import StrictModel, entries
 from station.configuration.limits import Limits
 from station.configuration.toml import read_toml
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from alignment.values import SIDES
-from alignment.vehicle.axles import (
+from alignment.vehicle import (
     AxleAngles,
     VehicleAngles,
     WheelAngles,
     axle_angles,
     vehicle_angles,
 )
-from station.configuration.vehicle_types import Tolerance, VehicleType
+from station.configuration import Tolerance, VehicleType
 from station.cycle.positions import Failure, WheelResult
 from station.cycle.verdict import Angle
 

@@ -25,7 +25,7 @@ from station.cycle.held import Closing, closing_id, closing_text, unacknowledged
 from station.cycle.owed import Owed
 from station.cycle.ports import Identity, Store
 from station.cycle.store_thread import StoreThread
-from station.threads.worker import Worker
+from station.threads import Worker
 
 _LOG = logging.getLogger("truewheel.station")
 

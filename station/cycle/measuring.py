@@ -17,7 +17,7 @@ from pathlib import Path
 
 from alignment.errors import InputError, LineError, StoreError
 from db.records import CycleRecord, Severity
-from station.configuration.vehicle_types import VehicleType
+from station.configuration import VehicleType
 from station.cycle.adjusting import Adjusting
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
@@ -44,7 +44,7 @@ from station.cycle.words import (
     Stop,
     Trigger,
 )
-from station.threads.health import ThreadHealth, ThreadWatch, Watched
+from station.threads import ThreadHealth, ThreadWatch, Watched
 
 _POLL_S = 0.02
 _LOG = logging.getLogger("truewheel.station")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from alignment.errors import InputError, StoreUnavailableError
 from station.cycle.store_thread import StoreThread
-from station.threads.worker import WorkerError
+from station.threads import WorkerError
 
 # Between two attempts that nobody waits for.
 RETRY_S = 1.0

@@ -14,7 +14,7 @@ from concurrent.futures import wait as wait_for
 from pathlib import Path
 
 from alignment.errors import TruewheelError
-from sensors.formats.shot import write_shot
+from sensors.formats import write_shot
 from station.cycle.ports import Bounds
 from station.cycle.positions import WheelPosition
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble

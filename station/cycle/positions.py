@@ -21,7 +21,7 @@ from alignment.values import (
     WheelMeasurement,
 )
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
-from sensors.formats.shot import check_shot_matches
+from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
 from station.cycle.words import ErrorCode
 from station.cycle.zero import correction_of

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from typing import ParamSpec, TypeVar
 
 from alignment.errors import StoreError, StoreUnavailableError, TruewheelError
-from station.threads.worker import Worker, WorkerError
+from station.threads import Worker, WorkerError
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

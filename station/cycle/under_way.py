@@ -8,7 +8,7 @@ from datetime import datetime
 from uuid import UUID, uuid4
 
 from db.records import ZeroRecord
-from station.configuration.vehicle_types import VehicleType
+from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
 from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from db.records import CycleOutcome, Verdict, missed_limit
-from station.configuration.limits import Limits
+from station.configuration import Limits
 
 
 class Status(enum.StrEnum):

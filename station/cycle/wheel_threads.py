@@ -14,7 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 from alignment.errors import TruewheelError
 from station.cycle.positions import Failure, fault
 from station.cycle.words import ErrorCode
-from station.threads.worker import Worker, WorkerError
+from station.threads import Worker, WorkerError
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from alignment.errors import InputError
-from alignment.vehicle.axles import ThrustSign
+from alignment.vehicle import ThrustSign
 
 
 class Outcome(enum.StrEnum):

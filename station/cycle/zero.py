@@ -6,7 +6,7 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.values import Side
-from alignment.wheel.zero import ZeroCorrection, zero_correction
+from alignment.wheel import ZeroCorrection, zero_correction
 from db.records import ZeroRecord
 
 

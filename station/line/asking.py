@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from station.cycle.words import ErrorCode, Mode
+from station.cycle import ErrorCode, Mode
 from station.line.handshake import Asked
-from station.line.wire.dbc import Value
-from station.line.wire.messages import CommandCode
-from station.line.wire.vin import VinAssembly, VinState
+from station.line.wire import CommandCode, Value, VinAssembly, VinState
 
 _VIN_TROUBLE = {
     VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,

@@ -13,7 +13,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
-from station.cycle.words import (
+from station.cycle import (
     Abort,
     Acknowledge,
     Command,
@@ -24,7 +24,7 @@ from station.cycle.words import (
     Stop,
     Trigger,
 )
-from station.line.wire.messages import Answer, CommandCode, HandshakeState
+from station.line.wire import Answer, CommandCode, HandshakeState
 
 
 class Request(enum.StrEnum):

@@ -26,9 +26,9 @@ from typing import Self
 import can
 
 from alignment.errors import LineConnectionError, LineError
-from station.cycle.coalesced import Coalesced
-from station.cycle.words import (
+from station.cycle import (
     AxleAnswer,
+    Coalesced,
     Command,
     ErrorCode,
     LiveAngles,
@@ -43,15 +43,28 @@ from station.cycle.words import (
 )
 from station.line.asking import read_asked
 from station.line.handshake import Event, Handshake
-from station.line.wire.bus import LineBus
-from station.line.wire.dbc import LineDatabase, Value
-from station.line.wire.link import ProtectedLink
-from station.line.wire.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
-from station.line.wire.options import DEFAULT_OPTIONS, LineHealth, LineOptions
-from station.line.wire.results import blank_frames, live_frame, result_frames
-from station.line.wire.status import answer_frame, detail_frame, info_frame, status_frame
-from station.line.wire.vin import VinAssembly
-from station.threads.supervised import SupervisedThread
+from station.line.wire import (
+    DEFAULT_OPTIONS,
+    CommandAnswer,
+    CommandCode,
+    LineBus,
+    LineDatabase,
+    LineHealth,
+    LineOptions,
+    LineStatus,
+    ProtectedLink,
+    StationInfo,
+    Value,
+    VinAssembly,
+    answer_frame,
+    blank_frames,
+    detail_frame,
+    info_frame,
+    live_frame,
+    result_frames,
+    status_frame,
+)
+from station.threads import SupervisedThread
 
 STATUS_PERIOD_S = 0.1
 COMMUNICATION_TIMEOUT_S = 0.5

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from matplotlib.figure import Figure
 
-from db.exports.fonts import picture_text
+from db.exports import picture_text
 
 _COLOURS = {
     "ok": "#2a7a2a", "nok": "#b02020", "fault": "#777777", "aborted": "#c9a227", "limit": "#b02020",

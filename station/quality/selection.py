@@ -11,7 +11,7 @@ from alignment.errors import ConfigurationError, InputError
 from db.queries import Filter, ResultReader, Shift, value_series
 from db.records import Verdict
 from station.quality.periods import read_time
-from station.quality.reports.values import wheel_angles
+from station.quality.reports import wheel_angles
 
 _LONGEST_DEFAULT = "30d"
 

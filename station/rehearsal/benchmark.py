@@ -28,7 +28,7 @@ import numpy as np
 from alignment import measure
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
@@ -39,7 +39,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
-from alignment.vehicle.angles import camber_toe
+from alignment.vehicle import camber_toe
 from alignment.wheel import search
 
 WARM_UP_S = 3.0  # until kernels are loaded and threads have found their cores
@@ -73,9 +73,7 @@ class Sample:
 
 def render_sample() -> Sample:
     """Render one wheel, 1280 × 1024, lettering and noise on."""
-    from sensors.simulation.render import simulate_shot
-    from sensors.simulation.rigs import RIG_SPECS, build_rig
-    from sensors.simulation.scene import draw_pose, draw_scene, truth_of
+    from sensors.simulation import RIG_SPECS, build_rig, draw_pose, draw_scene, simulate_shot, truth_of
 
     rng = np.random.default_rng(SEED)
     spec = RIG_SPECS["standard"]

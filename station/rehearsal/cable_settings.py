@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from station.line.tools.cable import SLCAN_OPTIONS
-from station.line.wire.channel import BusSettings
+from station.line.tools import SLCAN_OPTIONS
+from station.line.wire import BusSettings
 
 
 def settings_of(interface: str, channel: str) -> BusSettings:

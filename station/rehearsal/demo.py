@@ -16,21 +16,14 @@ import numpy as np
 
 from alignment.errors import ConfigurationError, LineError, StoreError
 from db.records import CycleOutcome, Verdict, WheelOutcome
-from sensors.formats.truth import WheelTruth
-from sensors.simulation.simulated_rig import PoseDrawer, SimulatedRig, angles_about
-from station.configuration.settings import Configuration
-from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.cycle.judging import JudgedWheel, axle_of
-from station.cycle.ports import CycleReport, Observer
-from station.cycle.positions import WheelResult
-from station.cycle.verdict import combined
-from station.cycle.words import Outcome
-from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc.simulator import PlcSimulator
-from station.line.tools.monitor import decode_log, trace_cycles
-from station.line.wire.bus import open_bus
-from station.line.wire.channel import BusSettings
-from station.running.composition import OpenStation, open_station
+from sensors.formats import WheelTruth
+from sensors.simulation import PoseDrawer, SimulatedRig, angles_about
+from station.configuration import Configuration, Tolerance, VehicleType
+from station.cycle import CycleReport, JudgedWheel, Observer, Outcome, WheelResult, axle_of, combined
+from station.line.plc import PlcOrder, PlcResult, PlcSimulator, PlcTimeouts
+from station.line.tools import decode_log, trace_cycles
+from station.line.wire import BusSettings, open_bus
+from station.running import OpenStation, open_station
 
 # A screen behind other work may be slow; a real line would not wait so long.
 _TIMEOUTS = PlcTimeouts(

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from db.store import ResultStore
-from station.cycle.words import Outcome
-from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc.simulator import PlcSimulator
-from station.line.tools.cable import Cable
-from station.line.wire.bus import open_bus
-from station.line.wire.dbc import load_line_database
+from station.cycle import Outcome
+from station.line.plc import PlcOrder, PlcResult, PlcSimulator, PlcTimeouts
+from station.line.tools import Cable
+from station.line.wire import load_line_database, open_bus
 from station.rehearsal.prepared import prepared_angles_deg
 from station.rehearsal.processes import RehearsalProcess, read_lines, rss_mb
 from station.rehearsal.station_process import StationOrder

@@ -12,11 +12,14 @@ import numpy as np
 
 from alignment.units import ARCMIN
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
-from sensors.formats import GaugeFrame, PlateSession
-from sensors.formats.plate_truth import PlateTruth
-from sensors.simulation.optics import Optics
-from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
-from sensors.simulation.simulated_rig import true_calibration
+from sensors.formats import GaugeFrame, PlateSession, PlateTruth
+from sensors.simulation import (
+    Optics,
+    PlatePosition,
+    PlateSessionSpec,
+    simulate_plate_session,
+    true_calibration,
+)
 from station.rehearsal.plate_simulation import write_simulated_session
 from station.rehearsal.simulation import SimulationConfig
 

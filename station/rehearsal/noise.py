@@ -23,16 +23,19 @@ import can
 from alignment.errors import LineError
 from db.records import CycleOutcome
 from db.store import ResultStore
-from station.cycle.ports import CycleReport, Observer
-from station.cycle.words import Outcome
-from station.line.plc.orders import PlcOrder, PlcResult, PlcTimeouts
-from station.line.plc.simulator import PlcSimulator
-from station.line.wire.bus import LineBus, open_bus
-from station.line.wire.channel import BusSettings
-from station.line.wire.dbc import LineDatabase, load_line_database
-from station.line.wire.messages import LineStatus
-from station.line.wire.options import LineHealth, LineOptions
-from station.line.wire.status import read_status
+from station.cycle import CycleReport, Observer, Outcome
+from station.line.plc import PlcOrder, PlcResult, PlcSimulator, PlcTimeouts
+from station.line.wire import (
+    BusSettings,
+    LineBus,
+    LineDatabase,
+    LineHealth,
+    LineOptions,
+    LineStatus,
+    load_line_database,
+    open_bus,
+    read_status,
+)
 from station.rehearsal.prepared import open_rehearsal
 
 NOISE_KINDS = ("random", "flipped", "replayed", "length", "strange", "foreign")

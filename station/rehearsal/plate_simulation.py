@@ -9,16 +9,24 @@ import numpy as np
 
 from alignment.errors import ConfigurationError
 from alignment.values import RigCalibration, Side
-from sensors.formats import PlateDescription, PlateSession, write_calibration, write_plate_session
-from sensors.formats.plate_truth import PlateTruth, write_plate_truth
-from sensors.simulation.optics import Optics
-from sensors.simulation.plate_session import (
+from sensors.formats import (
+    PlateDescription,
+    PlateSession,
+    PlateTruth,
+    write_calibration,
+    write_plate_session,
+    write_plate_truth,
+)
+from sensors.simulation import (
     TILT,
+    TRUE_CALIBRATION_METHOD,
+    TRUE_CALIBRATION_UTC,
+    Optics,
     PlateSessionSpec,
     plate_positions,
     simulate_plate_session,
+    true_calibration,
 )
-from sensors.simulation.simulated_rig import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
 from station.rehearsal.simulation import SimulationConfig
 
 

@@ -14,13 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from alignment.errors import LineError
-from station.cycle.words import WheelAnswer
-from station.line.plc.orders import PlcOrder, PlcTimeouts
-from station.line.plc.simulator import PlcSimulator
-from station.line.wire.bus import LineBus
-from station.line.wire.channel import Channel
-from station.line.wire.dbc import load_line_database
-from station.line.wire.messages import VehicleReport
+from station.cycle import WheelAnswer
+from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts
+from station.line.wire import Channel, LineBus, VehicleReport, load_line_database
 from station.rehearsal.cable_settings import settings_of
 from station.rehearsal.processes import read_lines
 from station.rehearsal.steps import SteppedBus, Steps

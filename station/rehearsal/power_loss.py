@@ -17,14 +17,10 @@ import can
 from alignment.errors import LineError
 from db.records import CycleOutcome, CycleRecord
 from db.store import ResultStore
-from station.cycle.words import Outcome, WheelAnswer
-from station.line.plc.orders import PlcOrder, PlcTimeouts
-from station.line.plc.simulator import PlcSimulator
-from station.line.tools.cable import Cable
-from station.line.wire.bus import open_bus
-from station.line.wire.dbc import LineDatabase, load_line_database
-from station.line.wire.link import ProtectedLink
-from station.line.wire.messages import VehicleReport
+from station.cycle import Outcome, WheelAnswer
+from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts
+from station.line.tools import Cable
+from station.line.wire import LineDatabase, ProtectedLink, VehicleReport, load_line_database, open_bus
 from station.rehearsal.plc_process import PlcProcessOrder
 from station.rehearsal.processes import RehearsalProcess, read_lines
 from station.rehearsal.station_process import StationOrder

@@ -15,8 +15,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import (
     HeadCalibration,
     MeasureSettings,
@@ -28,14 +27,21 @@ from alignment.values import (
 from db.records import ZeroRecord
 from db.store import ResultStore
 from sensors.shot import WheelShot
-from station.configuration.vehicle_types import VehicleType
-from station.cycle.measuring import MeasuringCycle
-from station.cycle.ports import Bounds, Identity, Line, Observer, Store
-from station.cycle.positions import CalibrationInForce, WheelPosition, WheelResult, utc_now
-from station.line.interface import StationLine
-from station.line.wire.bus import LineBus
-from station.line.wire.dbc import LineDatabase
-from station.line.wire.options import DEFAULT_OPTIONS, LineOptions
+from station.configuration import VehicleType
+from station.cycle import (
+    Bounds,
+    CalibrationInForce,
+    Identity,
+    Line,
+    MeasuringCycle,
+    Observer,
+    Store,
+    WheelPosition,
+    WheelResult,
+    utc_now,
+)
+from station.line import StationLine
+from station.line.wire import DEFAULT_OPTIONS, LineBus, LineDatabase, LineOptions
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STATION = "rehearsal"

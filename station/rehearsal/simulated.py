@@ -10,10 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-from station.line.wire.bus import open_bus
-from station.line.wire.channel import BusSettings
-from station.line.wire.dbc import LineDatabase
-from station.line.wire.options import DEFAULT_OPTIONS, LineOptions
+from station.line.wire import DEFAULT_OPTIONS, BusSettings, LineDatabase, LineOptions, open_bus
 from station.rehearsal.prepared import open_rehearsal
 
 SHOT_S = 0.2

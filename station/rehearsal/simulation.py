@@ -11,17 +11,22 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.values import RigCalibration, Side
-from sensors.formats import WheelTruth, write_calibration, write_shot, write_truth
-from sensors.formats.validation import StrictModel
+from sensors.formats import StrictModel, WheelTruth, write_calibration, write_shot, write_truth
 from sensors.shot import WheelShot
-from sensors.simulation.optics import Optics
-from sensors.simulation.projector import LinePattern
-from sensors.simulation.render import simulate_shot
-from sensors.simulation.rigs import RIG_SPECS, RigSpec
-from sensors.simulation.scene import WheelPose, draw_scene, truth_of
-from sensors.simulation.simulated_rig import TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC, true_calibration
-from station.configuration.settings import CameraOptions
-from station.configuration.toml import read_toml
+from sensors.simulation import (
+    RIG_SPECS,
+    TRUE_CALIBRATION_METHOD,
+    TRUE_CALIBRATION_UTC,
+    LinePattern,
+    Optics,
+    RigSpec,
+    WheelPose,
+    draw_scene,
+    simulate_shot,
+    true_calibration,
+    truth_of,
+)
+from station.configuration import CameraOptions, read_toml
 
 
 class OpticsOptions(StrictModel):

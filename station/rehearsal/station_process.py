@@ -13,12 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
 
-from station.cycle.ports import CycleReport, Line, Observer, Store
-from station.cycle.words import StationState
-from station.line.wire.bus import LineBus
-from station.line.wire.channel import Channel
-from station.line.wire.dbc import load_line_database
-from station.line.wire.options import LineOptions
+from station.cycle import CycleReport, Line, Observer, StationState, Store
+from station.line.wire import Channel, LineBus, LineOptions, load_line_database
 from station.rehearsal.cable_settings import settings_of
 from station.rehearsal.prepared import open_rehearsal
 from station.rehearsal.steps import Stepped, SteppedBus, Steps

@@ -16,7 +16,7 @@ from typing import Any
 import can
 from sqlalchemy import Engine, event
 
-from station.cycle.words import Trigger
+from station.cycle import Trigger
 
 _QUIET = frozenset({"next_command", "tick"})
 

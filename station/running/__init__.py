@@ -1,1 +1,5 @@
 """The composition root: puts a station together and runs it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

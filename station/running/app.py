@@ -10,11 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from station.configuration.settings import Configuration, read_configuration
-from station.cycle.ports import CycleReport, Observer
-from station.cycle.words import StationState
+from station.configuration import Configuration, read_configuration
+from station.cycle import CycleReport, Observer, StationState
 from station.running.composition import OpenStation, open_station
-from station.warm_up.prepare import StoppedError
+from station.warm_up import StoppedError
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
 _LOG = logging.getLogger("truewheel.station")

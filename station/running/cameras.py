@@ -10,12 +10,10 @@ from pathlib import Path
 from alignment.errors import ConfigurationError, InputError, TruewheelError, told
 from sensors.camera import Camera
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
-from sensors.formats import read_calibration_file, write_calibration
-from sensors.formats.validation import StrictModel
+from sensors.formats import StrictModel, read_calibration_file, write_calibration
 from sensors.rig import Rig, StereoHead
-from station.configuration.rigs import RigSettings
-from station.configuration.settings import Configuration
-from station.cycle.positions import CalibrationInForce
+from station.configuration import Configuration, RigSettings
+from station.cycle import CalibrationInForce
 
 _UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
 

@@ -10,9 +10,8 @@ from urllib.parse import unquote
 
 from alignment.errors import ConfigurationError, Deed, Remedy, TruewheelError
 from db.connection import parse_url
-from station.configuration.settings import Configuration, read_configuration
-from station.line.wire.channel import require_interface
-from station.line.wire.dbc import load_line_database
+from station.configuration import Configuration, read_configuration
+from station.line.wire import load_line_database, require_interface
 from station.running.cameras import check_rig
 
 

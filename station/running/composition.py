@@ -14,23 +14,26 @@ from typing import TypeVar
 from alignment.errors import SeveralErrors, TruewheelError, WarmUpError
 from alignment.measure import measure_wheel
 from db.store import ResultStore
-from db.upkeep.background import BackgroundWork
+from db.upkeep import BackgroundWork
 from sensors.drivers.driver import RigDriver
-from station.configuration.settings import Configuration, StationConfig
-from station.cycle.measuring import MeasuringCycle
-from station.cycle.ports import Bounds, Identity, Observer
-from station.cycle.positions import WheelPosition, utc_now
-from station.cycle.words import ErrorCode, Mode, StationState, StationStatus
-from station.line.interface import StationLine
-from station.line.wire.bus import LineBus, open_bus
-from station.line.wire.channel import BusSettings
-from station.line.wire.dbc import LineDatabase, load_line_database
-from station.line.wire.options import LineOptions
+from station.configuration import Configuration, StationConfig
+from station.cycle import (
+    Bounds,
+    ErrorCode,
+    Identity,
+    MeasuringCycle,
+    Mode,
+    Observer,
+    StationState,
+    StationStatus,
+    WheelPosition,
+    utc_now,
+)
+from station.line import StationLine
+from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
 from station.running.cameras import open_rig
-from station.store.archive import ArchivingObserver, ImageArchive
-from station.store.opening import describe_station, open_archive, open_store
-from station.warm_up.needs import Work
-from station.warm_up.prepare import warm_up
+from station.store import ArchivingObserver, ImageArchive, describe_station, open_archive, open_store
+from station.warm_up import Work, warm_up
 
 T = TypeVar("T")
 

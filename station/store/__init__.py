@@ -1,1 +1,5 @@
 """The station's own store: its database, the work beside it, and the archive of images."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -18,13 +18,11 @@ from uuid import UUID
 from alignment.errors import LineError, StoreUnavailableError, TruewheelError
 from db.records import ArchivedShotRecord, CycleRecord, RetentionClass, Verdict, WheelOutcome
 from db.store import ResultStore
-from db.upkeep.retention import Policy, enforce
-from sensors.formats.shot import write_shot
+from db.upkeep import Policy, enforce
+from sensors.formats import write_shot
 from sensors.shot import WheelShot
-from station.cycle.ports import CycleReport, Observer
-from station.cycle.positions import WheelResult, utc_now
-from station.cycle.words import StationState
-from station.threads.supervised import SupervisedThread
+from station.cycle import CycleReport, Observer, StationState, WheelResult, utc_now
+from station.threads import SupervisedThread
 
 _LOG = logging.getLogger("truewheel.archive")
 # Images of so many cycles may wait; they take tens of megabytes each.

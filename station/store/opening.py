@@ -12,12 +12,9 @@ from uuid import UUID
 from db.connection import station_lock
 from db.records import InstallationRecord, Severity, StationRecord, VehicleTypeRecord
 from db.store import ResultStore
-from db.upkeep.background import BackgroundWork, StoreHealth
-from db.upkeep.retention import Policy
-from db.upkeep.shipping import Shipper
-from station.configuration.settings import ArchiveSettings, Configuration
-from station.configuration.vehicle_types import Tolerance, VehicleType
-from station.cycle.positions import WheelPosition
+from db.upkeep import BackgroundWork, Policy, Shipper, StoreHealth
+from station.configuration import ArchiveSettings, Configuration, Tolerance, VehicleType
+from station.cycle import WheelPosition
 from station.store.archive import ImageArchive
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.correction import (
+from alignment.calibration import (
     Candidate,
     ErrorModel,
     choose_correction,

@@ -14,21 +14,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import cameras_of_rig
-from alignment.calibration.prediction import (
+from alignment.calibration import (
     NominalWheel,
+    adjust,
+    cameras_of_rig,
     point_covariance,
     predict_angle_uncertainty,
     wheel_points,
 )
-from alignment.stereo.rectification import Rectification
-from alignment.stereo.triangulation import triangulate
+from alignment.stereo import Rectification, triangulate
 from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
-from alignment.vehicle.angles import camber_toe
-from alignment.wheel.revolution import fit_revolution
-from sensors.simulation.rigs import RIG_SPECS, build_rig
+from alignment.vehicle import camber_toe
+from alignment.wheel import fit_revolution
+from sensors.simulation import RIG_SPECS, build_rig
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.simulated_views import STAGES, observe, square_plate
 

@@ -14,12 +14,11 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from alignment.arrays import Array
-from alignment.geometry.cameras import PosedCamera
+from alignment.geometry import PosedCamera
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, WheelMeasurement
-from sensors.simulation.scene import draw_pose, draw_scene
-from sensors.simulation.tyre import SHAPES
+from sensors.simulation import SHAPES, draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 

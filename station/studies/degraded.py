@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import PosedCamera, RigidTransform
 from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
@@ -28,8 +27,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
-from sensors.simulation.scene import Obstacle, Sun, WheelScene, cable, draw_pose, draw_scene, lump
-from sensors.simulation.tyre import SHAPES, Material
+from sensors.simulation import SHAPES, Material, Obstacle, Sun, WheelScene, cable, draw_pose, draw_scene, lump
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mixtures import mixture_row, mixture_table, mixtures
 from station.studies.wheels import StudyRig, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig

@@ -14,13 +14,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array, Index
-from alignment.imaging.lines import LightLines, extract_many
-from alignment.stereo.correspondence import StereoGeometry, match_heads
-from alignment.stereo.rectification import epipolar_directions
+from alignment.imaging import LightLines, extract_many
+from alignment.stereo import StereoGeometry, epipolar_directions, match_heads
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings
-from alignment.wheel.revolution import RevolutionFit, fit_revolution, least_covariance
-from sensors.simulation.scene import draw_pose, draw_scene
+from alignment.wheel import RevolutionFit, fit_revolution, least_covariance
+from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import exposed, lights, study_rig
 

@@ -10,22 +10,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array, Index
-from alignment.calibration.adjustment import AdjustmentSettings, adjust
-from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView
-from alignment.calibration.one_camera import Known, OneCameraMethod
+from alignment.calibration import (
+    AdjustmentSettings,
+    CalibrationInput,
+    CameraKey,
+    Known,
+    OneCameraMethod,
+    PlateView,
+    adjust,
+)
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
-from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.plate import MarkObservations
-from alignment.imaging.plate_grid import PlateRefusal, identify_marks
-from alignment.stereo.triangulation import triangulate
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
+from alignment.imaging import MarkObservations, PlateRefusal, find_marks, identify_marks, locate_marks
+from alignment.stereo import triangulate
 from alignment.values import HeadCalibration, RigCalibration, nominal_vehicle_from_rig
-from sensors.formats.plate import PlateDescription, PlateFile, describe_plate
-from sensors.formats.plate_session import PlateSession
-from sensors.formats.plate_truth import PlateTruth
-from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, simulate_plate_session
+from sensors.formats import PlateDescription, PlateFile, PlateSession, PlateTruth, describe_plate
+from sensors.simulation import PlatePosition, PlateSessionSpec, simulate_plate_session
 
 _HEAD = "head"
 LEFT: CameraKey = (_HEAD, "left")

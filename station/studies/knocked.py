@@ -17,11 +17,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import cameras_of_rig
-from alignment.calibration.row_equations import stepped, with_camera
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.calibration import adjust, cameras_of_rig, stepped, with_camera
+from alignment.geometry import PosedCamera, RigidTransform
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import (
@@ -32,9 +29,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
-from sensors.simulation.plate_session import plate_positions
-from sensors.simulation.scene import draw_pose, draw_scene
-from sensors.simulation.tyre import SHAPES
+from sensors.simulation import SHAPES, draw_pose, draw_scene, plate_positions
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
 from station.studies.refresh import PIXEL

@@ -15,12 +15,9 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array
-from alignment.calibration.lenz import calibrate_lenz
-from alignment.calibration.one_camera import Known
-from alignment.calibration.tsai import calibrate_tsai
+from alignment.calibration import Known, calibrate_lenz, calibrate_tsai
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from station.figures import Goal, Progress, Row, Study, StudyResult
 
 _SIZE = (752, 582)

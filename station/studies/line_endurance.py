@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from station.configuration.places import default_config
+from station.configuration import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.rehearsal.endurance import SETTLED, Endurance, run_endurance
+from station.rehearsal import SETTLED, Endurance, run_endurance
 
 CYCLES, QUICK_CYCLES = 10_000, 300
 TIMES = ("busy_s", "first_result_s", "all_results_s")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from station.configuration.places import default_config
+from station.configuration import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.rehearsal.noise import run_noise
+from station.rehearsal import run_noise
 
 FRAMES, QUICK_FRAMES = 1_000_000, 50_000
 

@@ -7,9 +7,9 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from station.configuration.places import default_config
+from station.configuration import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
-from station.rehearsal.power_loss import PowerLoss, open_power_loss
+from station.rehearsal import PowerLoss, open_power_loss
 
 QUICK_STEPS = 4
 

@@ -16,13 +16,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.imaging.edges import OPERATORS
-from alignment.imaging.mark_bias import homography_offsets
-from alignment.imaging.mark_detection import find_marks
-from alignment.imaging.mark_location import locate_marks
-from alignment.imaging.mark_plane import fit_grid_homography
-from alignment.imaging.marks import RoughMarks
-from alignment.imaging.thresholds import THRESHOLDS
+from alignment.imaging import (
+    OPERATORS,
+    THRESHOLDS,
+    RoughMarks,
+    find_marks,
+    fit_grid_homography,
+    homography_offsets,
+    locate_marks,
+)
 from alignment.values import Image
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mark_peers import PEERS

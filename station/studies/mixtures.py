@@ -16,7 +16,7 @@ from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import Image, MeasureSettings, StereoImages, WheelMeasurement
-from sensors.simulation.scene import WheelPose, WheelScene, draw_scene
+from sensors.simulation import WheelPose, WheelScene, draw_scene
 from station.figures import Row
 from station.studies.wheels import StudyRig, errors_arcmin, exposed, lights
 

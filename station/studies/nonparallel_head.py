@@ -16,11 +16,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.correction import fit_correction
-from alignment.calibration.faugeras import calibrate_faugeras
-from alignment.calibration.observations import CalibrationInput, CameraKey
-from alignment.calibration.two_system import calibrate_two_system
-from alignment.geometry.cameras import PosedCamera
+from alignment.calibration import (
+    CalibrationInput,
+    CameraKey,
+    calibrate_faugeras,
+    calibrate_two_system,
+    fit_correction,
+)
+from alignment.geometry import PosedCamera
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.heads import (
     HeadSpec,

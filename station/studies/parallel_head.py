@@ -15,11 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.lenz import calibrate_lenz
-from alignment.calibration.observations import CalibrationInput, CameraKey
-from alignment.calibration.two_system import calibrate_two_system
+from alignment.calibration import CalibrationInput, CameraKey, calibrate_lenz, calibrate_two_system
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import PosedCamera
+from alignment.geometry import PosedCamera
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.heads import (
     HeadSpec,

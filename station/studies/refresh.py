@@ -14,19 +14,30 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import CameraKey, cameras_of_rig
-from alignment.calibration.prediction import NominalWheel, angle_covariance, wheel_points
-from alignment.calibration.refreshing import Refreshed, refresh
-from alignment.calibration.row_equations import stepped, with_camera
-from alignment.geometry.transforms import RigidTransform
+from alignment.calibration import (
+    CameraKey,
+    NominalWheel,
+    Refreshed,
+    adjust,
+    angle_covariance,
+    cameras_of_rig,
+    refresh,
+    stepped,
+    wheel_points,
+    with_camera,
+)
+from alignment.geometry import RigidTransform
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
-from sensors.simulation.plate_session import plate_positions
-from sensors.simulation.render import simulate_shot
-from sensors.simulation.rigs import RIG_SPECS, build_rig
-from sensors.simulation.scene import draw_pose, draw_scene
-from sensors.simulation.tyre import SHAPES
+from sensors.simulation import (
+    RIG_SPECS,
+    SHAPES,
+    build_rig,
+    draw_pose,
+    draw_scene,
+    plate_positions,
+    simulate_shot,
+)
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.covariance import measured_angles
 from station.studies.simulated_views import ViewErrors, observe, square_plate

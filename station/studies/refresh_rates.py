@@ -11,22 +11,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.crosses import SeenWheel, cross_pairs, joined, seen_wheel
-from alignment.calibration.observations import cameras_of_rig
-from alignment.calibration.prediction import predict_angle_uncertainty
-from alignment.calibration.refreshing import Refreshed, Sightings, refresh_from
-from alignment.calibration.row_equations import with_camera
+from alignment.calibration import (
+    Refreshed,
+    SeenWheel,
+    Sightings,
+    adjust,
+    cameras_of_rig,
+    cross_pairs,
+    joined,
+    predict_angle_uncertainty,
+    refresh_from,
+    seen_wheel,
+    with_camera,
+)
 from alignment.errors import DegenerateInputError
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import PosedCamera, RigidTransform
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration
-from sensors.simulation.plate_session import plate_positions
-from sensors.simulation.render import simulate_shot
-from sensors.simulation.rigs import RIG_SPECS, build_rig
-from sensors.simulation.scene import draw_pose, draw_scene
-from sensors.simulation.tyre import SHAPES
+from sensors.simulation import (
+    RIG_SPECS,
+    SHAPES,
+    build_rig,
+    draw_pose,
+    draw_scene,
+    plate_positions,
+    simulate_shot,
+)
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.refresh import PIXEL, angle_errors
 from station.studies.simulated_views import ViewErrors, observe, square_plate

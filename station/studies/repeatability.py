@@ -14,7 +14,7 @@ from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, WheelMeasurement
-from sensors.simulation.scene import draw_pose, draw_scene
+from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import errors_arcmin, exposed, lights, study_rig
 

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.contour import contour_shift
-from alignment.calibration.observations import (
+from alignment.calibration import (
     FLATNESS_SIGMA_MM,
     MARK_SIGMA_MM,
     STAGE_SIGMA_MM,
     CalibrationInput,
     CameraKey,
     PlateView,
+    contour_shift,
 )
-from alignment.geometry.cameras import PosedCamera
-from alignment.geometry.transforms import RigidTransform
-from alignment.imaging.plate import MarkObservations, Plate
+from alignment.geometry import PosedCamera, RigidTransform
+from alignment.imaging import MarkObservations, Plate
 
 STAGES: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.0, 0.0),

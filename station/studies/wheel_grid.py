@@ -22,8 +22,8 @@ from alignment.measure_spin import measure_spin
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
-from alignment.wheel.spin import SpinMeasurement
-from sensors.simulation.scene import draw_pose, draw_scene
+from alignment.wheel import SpinMeasurement
+from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import StudyRig, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 

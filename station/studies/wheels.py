@@ -9,20 +9,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Singles
-from alignment.calibration.adjustment import adjust
-from alignment.calibration.observations import CalibrationInput
+from alignment.calibration import CalibrationInput, adjust
 from alignment.errors import DegenerateInputError
 from alignment.units import ARCMIN
 from alignment.values import RigCalibration, Side, StereoImages, WheelMeasurement
-from sensors.formats import read_plate
-from sensors.formats.plate_session import PlateSession
-from sensors.simulation.optics import develop, integrate
-from sensors.simulation.plate_session import PlateSessionSpec, plate_positions, simulate_plate_session
-from sensors.simulation.render import SAMPLES, render_samples
-from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_rig
-from sensors.simulation.scene import WheelScene, truth_of
-from station.calibration.calibrate import observe_session
-from station.configuration.places import default_config
+from sensors.formats import PlateSession, read_plate
+from sensors.simulation import (
+    RIG_SPECS,
+    SAMPLES,
+    PlateSessionSpec,
+    RigSpec,
+    WheelScene,
+    build_rig,
+    develop,
+    integrate,
+    plate_positions,
+    render_samples,
+    simulate_plate_session,
+    truth_of,
+)
+from station.calibration import observe_session
+from station.configuration import default_config
 
 PLATE = "plates/rig.toml"
 

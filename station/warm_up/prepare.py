@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.errors import TruewheelError, WarmUpError
-from alignment.imaging.lines import extract_many
+from alignment.imaging import extract_many
 from alignment.kernels import UNSAVED
 from alignment.values import Image
 from station.warm_up.needs import Needed, Work, load, missing, needed, weight

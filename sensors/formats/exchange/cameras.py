@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from alignment.arrays import Array
 from alignment.errors import Deed, DegenerateInputError, FormatError, Remedy
-from alignment.geometry.cameras import CameraModel, PosedCamera
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
 
 _OF_HEAD = re.compile(r"^(?:(?P<head>.+)[._/-])?(?P<side>left|right)$", re.IGNORECASE)

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array
 from alignment.errors import Deed, FormatError, Remedy
-from alignment.geometry.cameras import CameraModel
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import CameraModel, RigidTransform
 from sensors.formats.exchange.cameras import NamedCamera, brown_camera, reference_from
 from sensors.formats.exchange.names import (
     DISTORTION,

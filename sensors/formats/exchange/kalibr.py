@@ -20,7 +20,7 @@ import yaml
 from pydantic import Field
 
 from alignment.errors import FormatError
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration
 from sensors.formats.exchange.cameras import (
     ForeignModel,

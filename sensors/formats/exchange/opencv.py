@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 
 from alignment.errors import FormatError
-from alignment.geometry.transforms import RigidTransform
+from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration
 from sensors.formats.exchange.cameras import NamedCamera, cameras_to_export
 from sensors.formats.exchange.entries import Entries

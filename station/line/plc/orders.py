@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from station.cycle.words import AxleAnswer, Mode, WheelAnswer
-from station.line.wire.dbc import Value
-from station.line.wire.messages import VehicleReport
+from station.cycle import AxleAnswer, Mode, WheelAnswer
+from station.line.wire import Value, VehicleReport
 
 
 @dataclass(frozen=True)

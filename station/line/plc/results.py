@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from alignment.errors import LineError
-from station.cycle.words import AxleAnswer, Outcome, WheelAnswer, overall_outcome
-from station.line.wire.dbc import LineDatabase, Value
-from station.line.wire.messages import VehicleReport
-from station.line.wire.results import read_axle, read_vehicle, read_wheel
+from station.cycle import AxleAnswer, Outcome, WheelAnswer, overall_outcome
+from station.line.wire import LineDatabase, Value, VehicleReport, read_axle, read_vehicle, read_wheel
 
 Results = Mapping[str, dict[str, Value]]
 

@@ -20,7 +20,7 @@ from typing import Self
 import can
 
 from alignment.errors import InputError, LineConnectionError, LineError
-from station.cycle.words import ErrorCode, Mode, WheelAnswer
+from station.cycle import ErrorCode, Mode, WheelAnswer
 from station.line.plc.orders import (
     DEFAULT_TIMEOUTS,
     PlcOrder,
@@ -30,20 +30,26 @@ from station.line.plc.orders import (
 )
 from station.line.plc.results import missing_results, read_results
 from station.line.plc.station_view import StationView
-from station.line.wire.bus import LineBus, open_bus
-from station.line.wire.channel import BusSettings
-from station.line.wire.dbc import VIN_LENGTH, LineDatabase, Value, load_line_database
-from station.line.wire.link import LinkHealth, ProtectedLink, Spoil
-from station.line.wire.messages import (
+from station.line.wire import (
+    VIN_LENGTH,
     Answer,
+    BusSettings,
     CommandAnswer,
     CommandCode,
     HandshakeState,
+    LineBus,
+    LineDatabase,
     LineStatus,
+    LinkHealth,
+    ProtectedLink,
+    Spoil,
+    Value,
     VehicleReport,
+    checked_vin,
+    load_line_database,
+    open_bus,
 )
-from station.line.wire.vin import checked_vin
-from station.threads.supervised import SupervisedThread
+from station.threads import SupervisedThread
 
 COMMAND_PERIOD_S = 0.1
 KeepResult = Callable[[int, VehicleReport, tuple[WheelAnswer, ...]], None]

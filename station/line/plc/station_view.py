@@ -8,13 +8,20 @@ from collections.abc import Callable
 import can
 
 from alignment.errors import LineTimeoutError
-from station.cycle.words import LiveAngles
+from station.cycle import LiveAngles
 from station.line.plc.orders import ReceivedMessage
-from station.line.wire.dbc import Value
-from station.line.wire.link import ProtectedLink
-from station.line.wire.messages import CommandAnswer, CommandCode, LineStatus, StationInfo
-from station.line.wire.results import read_live
-from station.line.wire.status import read_answer, read_info, read_status
+from station.line.wire import (
+    CommandAnswer,
+    CommandCode,
+    LineStatus,
+    ProtectedLink,
+    StationInfo,
+    Value,
+    read_answer,
+    read_info,
+    read_live,
+    read_status,
+)
 
 
 class StationView:

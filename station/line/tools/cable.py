@@ -14,8 +14,8 @@ import tty
 from types import TracebackType
 from typing import Any, Self
 
-from station.line.wire.channel import BusSettings
-from station.threads.supervised import SupervisedThread
+from station.line.wire import BusSettings
+from station.threads import SupervisedThread
 
 SLCAN_OPTIONS: dict[str, Any] = {"sleep_after_open": 0.0}
 _CHUNK = 65_536

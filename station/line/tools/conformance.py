@@ -10,10 +10,9 @@ import itertools
 from collections.abc import Callable, Iterator
 
 from alignment.errors import TruewheelError
-from station.cycle.words import ErrorCode, LiveState, Mode, Outcome
+from station.cycle import ErrorCode, LiveState, Mode, Outcome
 from station.line.tools.trial import Point, PointVerdict, Trial
-from station.line.wire.link import Spoil
-from station.line.wire.messages import CommandAnswer, CommandCode, HandshakeState
+from station.line.wire import CommandAnswer, CommandCode, HandshakeState, Spoil
 
 C, E = CommandCode, ErrorCode
 _STATUS_JITTER = 2.0

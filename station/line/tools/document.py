@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from cantools.database.can import Message
 from cantools.database.can.signal import Signal
 
-from station.configuration.settings import CycleSettings, DatabaseSettings
-from station.cycle.words import ErrorCode
+from station.configuration import CycleSettings, DatabaseSettings
+from station.cycle import ErrorCode
 from station.line.handshake import COMMANDS, EVENTS, Request, Rule
 from station.line.interface import PREPARE_LIFETIME_S
 from station.line.tools.document_code import C_CODE, PLC_PROGRAM
@@ -22,10 +22,7 @@ from station.line.tools.document_text import (
     SIGNAL_LEGEND,
     TOOLS,
 )
-from station.line.wire.dbc import LineDatabase, Value
-from station.line.wire.error_codes import MEANINGS
-from station.line.wire.messages import HandshakeState
-from station.line.wire.protection import protect
+from station.line.wire import MEANINGS, HandshakeState, LineDatabase, Value, protect
 
 _E2E = ("E2eCrc", "E2eCounter")
 

@@ -13,11 +13,7 @@ import can
 
 from alignment.errors import InputError
 from station.line.tools.logs.reading import read_log
-from station.line.wire.bus import LineBus
-from station.line.wire.bus_log import open_log
-from station.line.wire.dbc import LineDatabase, Value
-from station.line.wire.error_frames import error_in_words
-from station.line.wire.protection import Guard
+from station.line.wire import Guard, LineBus, LineDatabase, Value, error_in_words, open_log
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from alignment.errors import DegenerateInputError
-from sensors.formats.validation import StrictModel
-from station.configuration.toml import read_toml
+from sensors.formats import StrictModel
+from station.configuration import read_toml
 from station.line.tools.conformance import POINTS, point_named, try_point
 from station.line.tools.trial import PointVerdict, Trial, Vehicles
 

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from alignment.errors import LineError
-from station.cycle.words import ErrorCode, Mode
-from station.line.plc.orders import PlcOrder, PlcResult
-from station.line.plc.simulator import PlcSimulator
-from station.line.wire.dbc import LineDatabase
-from station.line.wire.messages import Answer, CommandAnswer, CommandCode, LineStatus
+from station.cycle import ErrorCode, Mode
+from station.line.plc import PlcOrder, PlcResult, PlcSimulator
+from station.line.wire import Answer, CommandAnswer, CommandCode, LineDatabase, LineStatus
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ import can
 from can.io.generic import MessageWriter
 
 from alignment.errors import ConfigurationError, LineConnectionError
-from station.cycle.coalesced import Coalesced
+from station.cycle import Coalesced
 from station.line.wire.adapters import FOREIGN, said
 from station.line.wire.bus_log import open_log
 from station.line.wire.channel import BusSettings, Channel
-from station.threads.supervised import SupervisedThread
+from station.threads import SupervisedThread
 
 RECEIVE_WAIT_S = 0.05
 SEND_TIMEOUT_S = 0.2

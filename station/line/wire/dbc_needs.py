@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Quality, StationState
+from station.cycle import ErrorCode, LiveState, Mode, Outcome, Quality, StationState
 from station.line.wire.messages import Answer, CommandCode, HandshakeState, Part
 
 INVALID = "invalid"

@@ -17,8 +17,7 @@ from textparser import ParseError
 
 from alignment.errors import ConfigurationError, FormatError
 from alignment.file_limits import TEXT
-from sensors.formats.files import read_bytes
-from sensors.formats.text import text_of
+from sensors.formats import read_bytes, text_of
 
 # A frame of CAN FD; the line itself uses eight.
 _MOST_LENGTH, _MOST_BIT = 64, 511

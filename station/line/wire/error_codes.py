@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.cycle.words import ErrorCode
+from station.cycle import ErrorCode
 from station.line.wire.messages import Part
 
 

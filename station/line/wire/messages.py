@@ -10,8 +10,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from alignment.vehicle.axles import ThrustSign
-from station.cycle.words import ErrorCode, Outcome, StationState
+from alignment.vehicle import ThrustSign
+from station.cycle import ErrorCode, Outcome, StationState
 
 
 class HandshakeState(enum.StrEnum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.cycle.words import Mode
+from station.cycle import Mode
 from station.line.wire.bus import BusHealth
 from station.line.wire.link import LinkHealth
 

@@ -9,8 +9,8 @@ from typing import cast
 import can
 
 from alignment.errors import InputError, LineError
-from alignment.vehicle.axles import ThrustSign
-from station.cycle.words import (
+from alignment.vehicle import ThrustSign
+from station.cycle import (
     AxleAnswer,
     LiveAngles,
     LiveState,

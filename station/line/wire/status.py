@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import can
 
 from alignment.errors import LineError
-from station.cycle.words import ErrorCode, StationState
+from station.cycle import ErrorCode, StationState
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.error_codes import MEANINGS
 from station.line.wire.messages import (

@@ -12,24 +12,39 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.statistics.budgets import LIMIT_MP, LIMIT_MS, Component, UncertaintyBudget, budget
-from alignment.statistics.choices import ChartKind, Conclusion, GrrMethod, RuleSet
-from alignment.statistics.grr_study import (
+from alignment.statistics import (
     ACCEPTABLE_PERCENT,
+    ALL_EQUAL,
     CONDITIONAL_PERCENT,
+    CURE,
+    LARGEST_RESOLUTION_PERCENT,
+    LEAST_CG,
     LEAST_NDC,
+    LEAST_POINTS,
+    LIMIT_MP,
+    LIMIT_MS,
     POOLING_P,
     USUAL_PARTS,
+    USUAL_POINTS,
+    USUAL_VALUES,
+    ChartKind,
+    Component,
+    Conclusion,
     GaugeData,
+    GrrMethod,
     GrrResult,
+    RuleSet,
+    StabilityResult,
+    UncertaintyBudget,
+    budget,
+    coarse_step,
+    deviations,
     grr,
+    linearity,
+    rule_source,
+    stability,
+    type1,
 )
-from alignment.statistics.linearity_study import linearity
-from alignment.statistics.rules import rule_source
-from alignment.statistics.spread import ALL_EQUAL, CURE, coarse_step
-from alignment.statistics.stability_study import LEAST_POINTS, USUAL_POINTS, StabilityResult, stability
-from alignment.statistics.summary import deviations
-from alignment.statistics.type1_study import LARGEST_RESOLUTION_PERCENT, LEAST_CG, USUAL_VALUES, type1
 from station.figures import Goal, Row, StudyResult
 from station.quality.gauge import pictures
 from station.quality.gauge.file import GaugeRow

@@ -7,11 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from alignment.errors import ConfigurationError, DegenerateInputError
-from alignment.statistics.budgets import Component, bias_uncertainty, resolution_uncertainty
-from alignment.statistics.choices import Contribution, GrrMethod
-from alignment.statistics.grr_study import GaugeData, grr
-from alignment.statistics.summary import deviations, moments
-from alignment.statistics.type1_study import LEAST_VALUES, USUAL_VALUES
+from alignment.statistics import (
+    LEAST_VALUES,
+    USUAL_VALUES,
+    Component,
+    Contribution,
+    GaugeData,
+    GrrMethod,
+    bias_uncertainty,
+    deviations,
+    grr,
+    moments,
+    resolution_uncertainty,
+)
 from db.records import StudyKind
 from station.quality.gauge.analysis import without_appraiser
 from station.quality.gauge.file import read_budget_file, read_gauge_file

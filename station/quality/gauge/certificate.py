@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from alignment.errors import InputError
-from alignment.statistics.choices import GrrMethod
-from db.exports.pdf import Document
+from alignment.statistics import GrrMethod
+from db.exports import Document
 from db.records import StoredGaugeStudy, StudyKind
 from station.quality.gauge.analysis import (
     GaugeReport,

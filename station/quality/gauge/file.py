@@ -9,9 +9,8 @@ from decimal import Decimal
 from pathlib import Path
 
 from alignment.errors import FormatError
-from alignment.statistics.budgets import Component
-from alignment.statistics.choices import Contribution
-from sensors.formats.csv_table import read_table
+from alignment.statistics import Component, Contribution
+from sensors.formats import read_table
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from alignment.arrays import Array
-from alignment.statistics.budgets import UncertaintyBudget
-from alignment.statistics.charts import ControlChart, Track
-from alignment.statistics.grr_study import GaugeData, GrrResult
-from alignment.statistics.linearity_study import LinearityResult
-from db.exports.fonts import picture_text
+from alignment.statistics import ControlChart, GaugeData, GrrResult, LinearityResult, Track, UncertaintyBudget
+from db.exports import picture_text
 
 
 def grr_components(found: GrrResult) -> Figure:

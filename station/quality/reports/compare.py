@@ -10,9 +10,8 @@ import numpy as np
 from scipy import stats
 
 from alignment.arrays import Array, Index
-from alignment.statistics.stability_study import drift_of, drift_per_day
-from alignment.statistics.summary import Moments, merged
-from alignment.statistics.summary import moments as moments_of
+from alignment.statistics import Moments, drift_of, drift_per_day, merged
+from alignment.statistics import moments as moments_of
 from alignment.values import SIDES
 from db.queries import (
     Characteristic,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from db.exports.tables import replaced
+from db.exports import replaced
 from station.pages import page
 from station.quality.pictures import as_html
 from station.quality.reports.report import Report, shown_cell

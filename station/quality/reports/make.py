@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from alignment.errors import ConfigurationError
-from alignment.statistics.choices import ChartKind, RuleSet
+from alignment.statistics import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader
 from station.quality.reports.choices import TITLES, ReportKind, SplitBy
 from station.quality.reports.compare import compare_sections, drift_section

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from db.exports.pdf import Document
+from db.exports import Document
 from station.quality.pictures import as_figure
 from station.quality.reports.report import Report, Section, shown_cell
 

@@ -8,7 +8,7 @@ from typing import Any
 from uuid import UUID
 
 from alignment.errors import InputError
-from db.exports.rows import angle_rows
+from db.exports import angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
 from station.quality.reports.report import Section, TableRow, shown_time
 

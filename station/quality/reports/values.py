@@ -10,19 +10,25 @@ from datetime import UTC, datetime
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.statistics.capabilities import (
+from alignment.statistics import (
     LEAST_CPK,
+    Baseline,
     CapabilityIndex,
+    ChartKind,
+    Conclusion,
+    ControlChart,
+    Moments,
+    RuleSet,
+    Track,
     capability,
+    control_chart,
     judged,
     moving_range_sigma,
     normality_p,
     quantile_performance,
+    rule_source,
+    rule_texts,
 )
-from alignment.statistics.charts import Baseline, ControlChart, Track, control_chart
-from alignment.statistics.choices import ChartKind, Conclusion, RuleSet
-from alignment.statistics.rules import rule_source, rule_texts
-from alignment.statistics.summary import Moments
 from db.queries import (
     Characteristic,
     CharacteristicMoments,

@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterator
 from typing import BinaryIO
 
-from sensors.formats.text import text_of
+from sensors.formats import text_of
 from station.line.tools.logs.notes import DamageError, Notes
 
 _LONGEST = 65_536

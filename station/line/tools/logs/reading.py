@@ -12,13 +12,13 @@ import can
 
 from alignment.errors import FormatError
 from alignment.file_limits import LOG
-from sensors.formats.files import open_ordinary
+from sensors.formats import open_ordinary
 from station.line.tools.logs.asc import asc_frames
 from station.line.tools.logs.blf import blf_frames
 from station.line.tools.logs.candump import candump_frames
 from station.line.tools.logs.lines import numbered_lines
 from station.line.tools.logs.notes import DamageError, Notes
-from station.line.wire.bus_log import LOG_ENDINGS
+from station.line.wire import LOG_ENDINGS
 
 _KINDS = {".log": "candump", ".asc": "ASC", ".blf": "BLF"}
 

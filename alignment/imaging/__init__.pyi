@@ -1,0 +1,14 @@
+from .edges import OPERATORS as OPERATORS
+from .lines import LightLines as LightLines
+from .lines import extract_many as extract_many
+from .mark_bias import homography_offsets as homography_offsets
+from .mark_detection import find_marks as find_marks
+from .mark_location import locate_marks as locate_marks
+from .mark_plane import fit_grid_homography as fit_grid_homography
+from .marks import RoughMarks as RoughMarks
+from .plate import MarkObservations as MarkObservations
+from .plate import Plate as Plate
+from .plate_grid import PlateRefusal as PlateRefusal
+from .plate_grid import identify_marks as identify_marks
+from .plate_grid import observe_plate as observe_plate
+from .thresholds import THRESHOLDS as THRESHOLDS

@@ -1,0 +1,10 @@
+from .aqdef import write_aqdef as write_aqdef
+from .certificate import write_vehicle_certificate as write_vehicle_certificate
+from .fonts import picture_text as picture_text
+from .pdf import Document as Document
+from .rows import AngleRow as AngleRow
+from .rows import angle_rows as angle_rows
+from .tables import csv_cell as csv_cell
+from .tables import replaced as replaced
+from .tables import write_csv as write_csv
+from .tables import write_parquet as write_parquet

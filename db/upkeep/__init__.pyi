@@ -1,0 +1,10 @@
+from .background import BackgroundWork as BackgroundWork
+from .background import StoreHealth as StoreHealth
+from .backups import backup as backup
+from .backups import restore as restore
+from .check import check_database as check_database
+from .retention import Policy as Policy
+from .retention import enforce as enforce
+from .retention import kept as kept
+from .retention import leaving as leaving
+from .shipping import Shipper as Shipper

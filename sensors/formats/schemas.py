@@ -1,0 +1,25 @@
+"""The recorded formats that have a JSON schema, by name."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel
+
+from sensors.formats.calibration import CalibrationFile
+from sensors.formats.calibration_input import CalibrationInputFile
+from sensors.formats.gauge_frame import GaugeFrameFile
+from sensors.formats.plate import PlateFile
+from sensors.formats.plate_session import PlateSessionFile
+from sensors.formats.plate_truth import PlateTruthFile
+from sensors.formats.shot import ShotFile
+from sensors.formats.truth import TruthFile
+
+SCHEMAS: dict[str, type[BaseModel]] = {
+    "shot": ShotFile,
+    "calibration": CalibrationFile,
+    "calibration-input": CalibrationInputFile,
+    "truth": TruthFile,
+    "plate": PlateFile,
+    "plate-session": PlateSessionFile,
+    "gauge-frame": GaugeFrameFile,
+    "plate-truth": PlateTruthFile,
+}

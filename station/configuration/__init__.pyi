@@ -1,0 +1,17 @@
+from .environment import damaged_package as damaged_package
+from .limits import Limits as Limits
+from .places import default_config as default_config
+from .places import own_config as own_config
+from .rigs import RigSettings as RigSettings
+from .settings import ArchiveSettings as ArchiveSettings
+from .settings import CameraOptions as CameraOptions
+from .settings import Configuration as Configuration
+from .settings import CycleSettings as CycleSettings
+from .settings import DatabaseSettings as DatabaseSettings
+from .settings import StationConfig as StationConfig
+from .settings import read_configuration as read_configuration
+from .settings import station_model as station_model
+from .starter import write_starter as write_starter
+from .toml import read_toml as read_toml
+from .vehicle_types import Tolerance as Tolerance
+from .vehicle_types import VehicleType as VehicleType

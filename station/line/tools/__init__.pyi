@@ -1,0 +1,15 @@
+from .cable import SLCAN_OPTIONS as SLCAN_OPTIONS
+from .cable import Cable as Cable
+from .conformance import check_station as check_station
+from .document import interface_document as interface_document
+from .logs.reading import read_log as read_log
+from .monitor import decode_log as decode_log
+from .monitor import decoded as decoded
+from .monitor import live_frames as live_frames
+from .monitor import recorded as recorded
+from .monitor import trace_cycles as trace_cycles
+from .scenarios import play_scenarios as play_scenarios
+from .scenarios import read_scenarios as read_scenarios
+from .trial import PointVerdict as PointVerdict
+from .trial import Trial as Trial
+from .trial import Vehicles as Vehicles

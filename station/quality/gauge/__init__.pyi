@@ -1,0 +1,15 @@
+from .analysis import GaugeReport as GaugeReport
+from .analysis import analyse_budget as analyse_budget
+from .analysis import analyse_grr as analyse_grr
+from .analysis import analyse_linearity as analyse_linearity
+from .analysis import analyse_stability as analyse_stability
+from .analysis import analyse_type1 as analyse_type1
+from .budget import collect_components as collect_components
+from .certificate import write_study_certificate as write_study_certificate
+from .plan import plan_from_text as plan_from_text
+from .source import GaugeSource as GaugeSource
+from .source import open_source as open_source
+from .store import all_studies as all_studies
+from .store import fill_study as fill_study
+from .store import load_gauge_study as load_gauge_study
+from .store import planned_runs as planned_runs

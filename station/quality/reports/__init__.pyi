@@ -1,0 +1,9 @@
+from .choices import ReportKind as ReportKind
+from .choices import SplitBy as SplitBy
+from .compare import TEMPERATURE as TEMPERATURE
+from .make import ReportOptions as ReportOptions
+from .make import make_report as make_report
+from .make import require_ending as require_ending
+from .make import write_report as write_report
+from .report import Report as Report
+from .values import wheel_angles as wheel_angles

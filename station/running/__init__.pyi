@@ -1,0 +1,5 @@
+from .app import run_station as run_station
+from .app import stop_on_signals as stop_on_signals
+from .checking import check_configuration as check_configuration
+from .composition import OpenStation as OpenStation
+from .composition import open_station as open_station
