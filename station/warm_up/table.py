@@ -16,7 +16,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "float64[:, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]",
         ),
         "alignment.calibration.dense.leverage": (
-            "int64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]",
+            "int64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1, :]",
         ),
         "alignment.calibration.equations._accumulate": (
             "int64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; int64; int64",
@@ -33,6 +33,23 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "measure_16": {
+        "alignment.calibration.judgement_kernels.evidences": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.calibration.judgement_kernels.patch_signs": (
+            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
+        ),
+        "alignment.calibration.judgement_kernels.row_figures": (
+            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.together": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.calibration.judgement_kernels.whitened": (
+            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
+        ),
         "alignment.calibration.prediction._derivatives": (
             "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
         ),
@@ -77,23 +94,6 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
         ),
-        "alignment.calibration.judgement_kernels.evidences": (
-            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
-        "alignment.calibration.judgement_kernels.patch_signs": (
-            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
-        ),
-        "alignment.calibration.judgement_kernels.row_figures": (
-            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.together": (
-            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
-        "alignment.calibration.judgement_kernels.whitened": (
-            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
-        ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
         ),
@@ -113,6 +113,23 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "measure_8": {
+        "alignment.calibration.judgement_kernels.evidences": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
+        "alignment.calibration.judgement_kernels.patch_signs": (
+            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
+        ),
+        "alignment.calibration.judgement_kernels.row_figures": (
+            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.together": (
+            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
+        ),
+        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
+        "alignment.calibration.judgement_kernels.whitened": (
+            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
+        ),
         "alignment.calibration.prediction._derivatives": (
             "float64[:, ::1]; Array(float64, 2, 'C', True); float64[::1]",
         ),
@@ -156,23 +173,6 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.disturbance.undisturbed": ("float64[::1]; boolean[::1]; int64[::1]; float64",),
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
-        ),
-        "alignment.calibration.judgement_kernels.evidences": (
-            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.knock_axes": ("float64[:, ::1]; float64[:, ::1]",),
-        "alignment.calibration.judgement_kernels.patch_signs": (
-            "float64[:, ::1]; float64[::1]; float64; float64[::1]",
-        ),
-        "alignment.calibration.judgement_kernels.row_figures": (
-            "int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.together": (
-            "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, :, ::1]",
-        ),
-        "alignment.calibration.judgement_kernels.unseen": ("float64[:, ::1]; float64[:, :, ::1]",),
-        "alignment.calibration.judgement_kernels.whitened": (
-            "float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]",
         ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
