@@ -35,7 +35,8 @@ def solve_symmetric(matrix: Array, rows: Array) -> Array:
             seen="a singular adjustment",
             cure="Add views: other heights of the stage, and marks over the whole image.",
         )
-    solved: Array = out.T * scale
+    # Row by row, as whoever reads it goes through it.
+    solved: Array = np.ascontiguousarray(out.T) * scale
     return solved
 
 

@@ -16,7 +16,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "float64[:, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]",
         ),
         "alignment.calibration.dense.leverage": (
-            "int64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1, :]",
+            "int64[:, ::1]; int64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]",
         ),
         "alignment.calibration.equations._accumulate": (
             "int64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[::1]; int64; int64",
