@@ -35,7 +35,10 @@ def test_cable_that_makes_and_breaks_contact_is_two_lines(caplog: pytest.LogCapt
         assert len(lines) == 2
     lines = [record.message for record in caplog.records]
     assert len(lines) == 4
-    assert any(re.search(r"\d more within .* is lost: receive: CanOperationError: no contact", line) for line in lines)
+    assert any(
+        re.search(r"\d more within .* is lost: receive: CanOperationError: no contact", line)
+        for line in lines
+    )
 
 
 def test_controller_that_comes_and_goes_is_two_lines(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
