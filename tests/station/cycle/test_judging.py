@@ -372,3 +372,14 @@ def test_one_wheel_with_a_verdict_contradicts_a_fault_that_was_told_of_all(toe: 
     assert contradicts(record, Standing.NOT_COMMITTED)
     failed = [result(wheel, None, failure=REFUSED) for wheel in WHEELS]
     assert not contradicts(recorded(KIND, evaluate(KIND, failed, 2.0)), Standing.NOT_COMMITTED)
+
+
+def test_what_is_kept_of_an_evaluation_holds_no_images_and_all_verdicts() -> None:
+    shot: Any = object()
+    found = measurement(u=U)
+    seen = evaluate(KIND, [result("front_left", found, shot=shot)], 2.0)
+    assert seen.wheels[0].result.shot is shot
+    kept = seen.without_images()
+    assert kept.wheels[0].result.shot is None
+    assert kept.wheels[0].result.measurement is found
+    assert list(kept.angles) == list(seen.angles)
