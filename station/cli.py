@@ -49,6 +49,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit status: 0 done; 1 done, but a goal was missed or a wheel refused; 2 bad input; 3 station "
     "fault.",
 )
@@ -92,6 +93,8 @@ def run(
     from station.running import run_station
 
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
+    # A station says what it does itself; that a schema's library began to look is no news.
+    logging.getLogger("alembic").setLevel(logging.WARNING)
     run_station(own_config(config))
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from alignment.errors import ConfigurationError
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_file
 from station.commands.words import remedy_in_commands
@@ -14,9 +15,39 @@ from station.configuration import default_config
 
 db_app = typer.Typer(no_args_is_help=True, help="The result database.")
 
+DATABASE_VARIABLE = "TRUEWHEEL_DATABASE"
+
+
+def own_database() -> str:
+    """Return the URL of the database of this folder's station, for who names none.
+
+    Raises
+    ------
+    ConfigurationError
+        When there is no configuration here, or it is not sound.
+    """
+    from station.configuration import own_configuration, read_configuration
+
+    found = own_configuration()
+    if found is None:
+        raise ConfigurationError(
+            choice="database",
+            expected="the URL of a result database",
+            seen="none, and no station's configuration in this folder",
+            cure=f"Name it, or set the environment variable {DATABASE_VARIABLE}",
+        )
+    return read_configuration(found).database_url
+
+
 DatabaseOption = Annotated[
     str,
-    typer.Option("--database", help="sqlite:///FILE or postgresql://USER@HOST/DATABASE.", show_default=False),
+    typer.Option(
+        "--database",
+        help="sqlite:///FILE or postgresql://USER@HOST/DATABASE; without it, that of this folder's station.",
+        envvar=DATABASE_VARIABLE,
+        default_factory=own_database,
+        show_default=False,
+    ),
 ]
 
 

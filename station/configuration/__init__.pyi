@@ -2,6 +2,7 @@ from .environment import damaged_package as damaged_package
 from .limits import Limits as Limits
 from .places import default_config as default_config
 from .places import own_config as own_config
+from .places import own_configuration as own_configuration
 from .rigs import RigSettings as RigSettings
 from .settings import ArchiveSettings as ArchiveSettings
 from .settings import CameraOptions as CameraOptions
