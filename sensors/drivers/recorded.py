@@ -11,6 +11,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from alignment.counting import counted
 from alignment.errors import CameraError, ConfigurationError, FormatError
 from alignment.values import Side
 from sensors.camera import CameraSettings
@@ -119,7 +120,8 @@ class RecordedCamera(QueuedCamera):
             if self._at_end == "stop":
                 raise CameraError(
                     self.name,
-                    f"the recording ended after {len(self._entries)} shots, trigger {counter} has none",
+                    f"the recording ended after {counted(len(self._entries), 'shot')}, "
+                    f"trigger {counter} has none",
                     "Record more shots, or let the recording repeat",
                 )
             index %= len(self._entries)

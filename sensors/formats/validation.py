@@ -224,7 +224,9 @@ def _mistake(model: type[BaseModel], details: ErrorDetails) -> tuple[str, str, s
     if kind == "extra_forbidden":
         known = _fields_at(model, location[:-1])
         close = difflib.get_close_matches(str(location[-1]), known, 1)
-        hint = f"Did you mean '{close[0]}'?" if close else f"Known here: {', '.join(known)}"
+        hint = (
+            f"Did you mean '{close[0]}'?" if close else f"Known here: {', '.join(known)}" if known else None
+        )
         return _dotted(location), "no such field", seen, hint
     if kind == "missing":
         return _dotted(location), _MESSAGES[kind], "none", None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from alignment.calibration import Moved, Movement, Refreshed, predict_angle_uncertainty, refresh
+from alignment.counting import counted
 from alignment.errors import ConfigurationError
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration
@@ -115,7 +116,10 @@ def refresh_file(
     new = replace(found.calibration, id=calibration_id(found.calibration, now_utc))
     name = " ".join(found.moved.camera)
     write_calibration(
-        out, new, method=f"{known.id}, {name} anew from {len(shots)} wheels"[:200], created_utc=now_utc
+        out,
+        new,
+        method=f"{known.id}, {name} anew from {counted(len(shots), 'wheel')}"[:200],
+        created_utc=now_utc,
     )
     return RefreshedFile(found, old_u95, new_u95, None, new)
 

@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 from pydantic import Field
 
+from alignment.counting import counted
 from alignment.errors import FormatError
 from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration
@@ -109,7 +110,9 @@ def read_kalibr(paths: Sequence[Path], *, unit_mm: float = 1000.0) -> tuple[Name
         ``none``.
     """
     if len(paths) != 1:
-        raise FormatError(file=paths[0], expected="one file, with all cameras", seen=f"{len(paths)} files")
+        raise FormatError(
+            file=paths[0], expected="one file, with all cameras", seen=counted(len(paths), "file")
+        )
     path = paths[0]
     data = yaml_values(path, _KIND)
     count = sum(str(key).startswith("cam") for key in data) if isinstance(data, dict) else 0

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from alignment.arrays import Array
+from alignment.counting import counted
 from alignment.errors import DegenerateInputError
 from alignment.statistics import (
     ACCEPTABLE_PERCENT,
@@ -345,7 +346,8 @@ def analyse_stability(
         ),
         figures,
         (Goal("signals_location", "at_most", 0.0), Goal("signals_spread", "at_most", 0.0)),
-        f"{len(values)} values, {chart.kind} chart, rules {rules} ({rule_source(rules)}). {assessment}.",
+        f"{counted(len(values), 'value')}, {chart.kind} chart, "
+        f"rules {rules} ({rule_source(rules)}). {assessment}.",
         {"gauge-stability": pictures.chart_picture(chart, offset, unit)},
     )
     facts: dict[str, Any] = {
