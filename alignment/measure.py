@@ -10,7 +10,7 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.calibration.judgement import KNOCKED, Judgement, judge, unjudged
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import level_share
 from alignment.imaging.lines import LightLines, extract_many
@@ -150,7 +150,7 @@ def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -
     if len(images) != len(calibration.heads):
         return Refusal(
             RefusalCode.WRONG_IMAGES,
-            f"{counted(len(images), 'image pair')} for a rig of {counted(len(calibration.heads), 'head')}; "
+            f"{count_of(len(images), 'image pair')} for a rig of {count_of(len(calibration.heads), 'head')}; "
             "take the calibration of the rig that made the shot",
         )
     for pair, head in zip(images, calibration.heads, strict=True):

@@ -14,7 +14,7 @@ from alignment.calibration.diagnosis import diagnose
 from alignment.calibration.observations import CalibrationInput, CameraKey
 from alignment.calibration.prediction import NominalWheel, predict_angle_uncertainty
 from alignment.calibration.scale import scale_in_moves
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.units import ARCMIN
 from alignment.values import RigCalibration
@@ -141,7 +141,7 @@ def judge_input(data: CalibrationInput, limits: GateLimits | None = None) -> Gat
     if len(data.views) < limits.views:
         return GateJudgement(
             CalibrationProblem.TOO_FEW_VIEWS,
-            f"{counted(len(data.views), 'view')} of the plate, at least {limits.views} are needed; "
+            f"{count_of(len(data.views), 'view')} of the plate, at least {limits.views} are needed; "
             "add views at other heights of the stage",
         )
     for key in data.cameras:

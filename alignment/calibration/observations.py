@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from alignment.arrays import Array
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.imaging.plate import MarkObservations, Plate
@@ -79,7 +79,7 @@ class CalibrationInput:
             raise DegenerateInputError(
                 field="views, sizes",
                 expected="at least one view and one camera",
-                seen=f"{counted(len(self.views), 'view')}, {counted(len(self.sizes), 'camera')}",
+                seen=f"{count_of(len(self.views), 'view')}, {count_of(len(self.sizes), 'camera')}",
             )
         for view in self.views:
             for key, seen in view.observations.items():

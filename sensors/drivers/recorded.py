@@ -11,7 +11,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import CameraError, ConfigurationError, FormatError
 from alignment.values import Side
 from sensors.camera import CameraSettings
@@ -120,7 +120,7 @@ class RecordedCamera(QueuedCamera):
             if self._at_end == "stop":
                 raise CameraError(
                     self.name,
-                    f"the recording ended after {counted(len(self._entries), 'shot')}, "
+                    f"the recording ended after {count_of(len(self._entries), 'shot')}, "
                     f"trigger {counter} has none",
                     "Record more shots, or let the recording repeat",
                 )

@@ -10,7 +10,7 @@ from typing import Any
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration import CalibrationInput, PlateCheck, check_with_plate
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
@@ -143,7 +143,7 @@ def check_session(
     if refusals:
         listed = "; ".join(f"view {view}, {' '.join(key)}: {why.reason}" for view, key, why in refusals[:3])
         more = f"; and {len(refusals) - 3} more images" if len(refusals) > 3 else ""
-        reason = f"the plate was not recognised in {counted(len(refusals), 'image')}: {listed}{more}"
+        reason = f"the plate was not recognised in {count_of(len(refusals), 'image')}: {listed}{more}"
         figures: dict[str, Any] = {"unrecognised_images": len(refusals)}
         return Checked(
             CheckKind.PLATE_SESSION, CheckOutcome.OUT, reason, session.time_utc, session.rig, figures

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from alignment.calibration import Moved, Movement, Refreshed, predict_angle_uncertainty, refresh
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import ConfigurationError
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration
@@ -118,7 +118,7 @@ def refresh_file(
     write_calibration(
         out,
         new,
-        method=f"{known.id}, {name} anew from {counted(len(shots), 'wheel')}"[:200],
+        method=f"{known.id}, {name} anew from {count_of(len(shots), 'wheel')}"[:200],
         created_utc=now_utc,
     )
     return RefreshedFile(found, old_u95, new_u95, None, new)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.units import in_degrees
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_database, ready_file, ready_folder
@@ -106,7 +106,7 @@ def calibrate(
     beside = out.with_suffix(".input.json")
     if found.calibration is not None and found.data is not None and found.adjustment is not None:
         text = f"{method.value}, lens model {found.adjustment.model}, "
-        text += f"{counted(len(images.views), 'view')} of the plate"
+        text += f"{count_of(len(images.views), 'view')} of the plate"
         file = describe_calibration(found.calibration, method=text, created_utc=now, path=out)
         # The database first: where it fails, the file in force stays.
         if database is not None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import Words
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
 from station.commands.words import remedy_in_commands
@@ -67,7 +67,7 @@ def check(
         assert configuration is not None
         settings = configuration.settings
         typer.echo(
-            f"{path} is sound: station {settings.station.id}, {counted(len(settings.rigs), 'rig')},"
+            f"{path} is sound: station {settings.station.id}, {count_of(len(settings.rigs), 'rig')},"
             f" {len(configuration.vehicle_types)} vehicle types, line {settings.line.interface}"
             f" {settings.line.channel}"
         )

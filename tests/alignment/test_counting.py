@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from alignment.counting import counted
+from alignment.counting import count_of
 
 
 @pytest.mark.parametrize(
@@ -18,4 +18,4 @@ from alignment.counting import counted
     ],
 )
 def test_numbers_of_things_are_told_as_a_person_does(number: int, words: tuple[str, ...], told: str) -> None:
-    assert counted(number, *words) == told
+    assert count_of(number, *words) == told

@@ -99,7 +99,7 @@ def test_a_wheel_as_it_should_be_is_measured() -> None:
 def test_a_wrong_number_of_pairs_is_refused(pairs: int) -> None:
     images = (2 * rendered.images())[:pairs]
     reason = refused(RefusalCode.WRONG_IMAGES, images)
-    assert f"{pairs} image pairs for a rig of 3 heads" in reason
+    assert f"{pairs} image pair{'' if pairs == 1 else 's'} for a rig of 3 heads" in reason
     refused(RefusalCode.WRONG_IMAGES, images, settings=TOLERANT)
 
 

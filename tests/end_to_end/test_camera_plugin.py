@@ -74,7 +74,7 @@ def configured(configs: Path, rendered_wheel: Path) -> Path:
     for number, (name, side) in enumerate((name, side) for name in HEADS for side in ("left", "right")):
         shutil.copyfile(rendered_wheel / f"{name}_{side}.png", configs / f"{name}_{side}_001.png")
         rig = rig.replace(f"/dev/video{number}", str(configs / f"{name}_{side}_%03d.png"))
-    assert "/dev" not in rig
+    assert "/dev/video" not in rig
     path.write_text(f"{head}\n{rig}")
     return path
 

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from pydantic import Field
 
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import FormatError
 from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration
@@ -111,7 +111,7 @@ def read_kalibr(paths: Sequence[Path], *, unit_mm: float = 1000.0) -> tuple[Name
     """
     if len(paths) != 1:
         raise FormatError(
-            file=paths[0], expected="one file, with all cameras", seen=counted(len(paths), "file")
+            file=paths[0], expected="one file, with all cameras", seen=count_of(len(paths), "file")
         )
     path = paths[0]
     data = yaml_values(path, _KIND)

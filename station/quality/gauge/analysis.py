@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.counting import counted
+from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.statistics import (
     ACCEPTABLE_PERCENT,
@@ -346,7 +346,7 @@ def analyse_stability(
         ),
         figures,
         (Goal("signals_location", "at_most", 0.0), Goal("signals_spread", "at_most", 0.0)),
-        f"{counted(len(values), 'value')}, {chart.kind} chart, "
+        f"{count_of(len(values), 'value')}, {chart.kind} chart, "
         f"rules {rules} ({rule_source(rules)}). {assessment}.",
         {"gauge-stability": pictures.chart_picture(chart, offset, unit)},
     )

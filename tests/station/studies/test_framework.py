@@ -41,7 +41,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     def register(**studies: Study) -> None:
         monkeypatch.setattr(registry, "STUDIES", dict.fromkeys(studies, ""))
         monkeypatch.setattr("station.commands.study.STUDIES", dict.fromkeys(studies, ""))
-        monkeypatch.setattr(registry, "load_study", studies.__getitem__)
+        monkeypatch.setattr("station.studies.load_study", studies.__getitem__)
 
     return register
 
