@@ -88,8 +88,8 @@ class Reader:
         if "schema" in text:
             Path("configs/plates/gauge.toml").write_text(text)
             return
-        for device, real in self._devices.items():
-            text = text.replace(f'"{device}"', f'"{real}"')
+        # All at once: a real device may have the name of another one of the page.
+        text = re.sub(r'"(/dev/pts/\d+)"', lambda named: f'"{self._devices.get(named[1], named[1])}"', text)
         path = Path("configs/station.toml")
         kept = re.sub(r"^\[line\]\n(?:(?!\[).*\n)*", "", path.read_text(), flags=re.MULTILINE)
         path.write_text(kept[: kept.index("[[rigs]]")] + text)
