@@ -217,6 +217,7 @@ def test_demonstration_needs_simulated_rigs(truewheel: Truewheel, replay: Path, 
     assert "rigs[0].simulated" in ended.err
 
 
+@pytest.mark.slow
 def test_damaged_log_and_silent_line_are_named(truewheel: Truewheel, configs: Path, tmp_path: Path) -> None:
     config = configs / "station.toml"
     log = tmp_path / "can.log"

@@ -79,6 +79,7 @@ def configured(configs: Path, rendered_wheel: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_station_measures_a_vehicle_with_a_driver_that_was_installed_beside_it(
     configured: Path, tmp_path: Path, truewheel: Truewheel
 ) -> None:

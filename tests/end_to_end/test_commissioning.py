@@ -95,6 +95,7 @@ class Reader:
         path.write_text(kept[: kept.index("[[rigs]]")] + text)
 
 
+@pytest.mark.slow
 def test_whoever_follows_the_page_has_a_good_vehicle_at_its_end(
     truewheel: Truewheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

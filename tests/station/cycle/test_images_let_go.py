@@ -165,6 +165,7 @@ def test_shot_that_comes_too_late_is_let_go_when_it_ends(bench: Bench) -> None:
     assert kept(bench) == 0
 
 
+@pytest.mark.slow
 def test_images_do_not_add_up_over_many_cycles(bench: Bench) -> None:
     most = 0
     for sequence in range(1, 21):

@@ -42,6 +42,7 @@ def trial(database: LineDatabase) -> Iterator[Trial]:
         yield Trial(plc, database, Vehicles(patience_s=20.0))
 
 
+@pytest.mark.slow
 def test_a_good_station_passes_every_point(trial: Trial) -> None:
     verdicts = list(check_station(trial))
     # How punctual Status is, is a matter of what else the computer does.
