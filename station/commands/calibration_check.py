@@ -86,22 +86,24 @@ def check_command(
     if database is not None:
         store_check(database, checked, file, file.model_dump(mode="json", by_alias=True))
     if as_json:
-        print_json(
-            {
-                "outcome": str(checked.outcome),
-                "reason": checked.reason,
-                "kind": str(checked.kind),
-                "rig": checked.rig,
-                "calibration_id": file.id,
-                "time_utc": checked.utc.isoformat(),
-                "figures": checked.figures,
-                "stored": database is not None,
-            }
-        )
+        print_json(_as_json(checked, file.id, database is not None))
     else:
         _print(checked, file.id)
     if checked.outcome != "within":
         raise typer.Exit(GOAL_MISSED)
+
+
+def _as_json(checked: Checked, identity: str, stored: bool) -> dict[str, Any]:
+    return {
+        "outcome": str(checked.outcome),
+        "reason": checked.reason,
+        "kind": str(checked.kind),
+        "rig": checked.rig,
+        "calibration_id": identity,
+        "time_utc": checked.utc.isoformat(),
+        "figures": checked.figures,
+        "stored": stored,
+    }
 
 
 def _print(checked: Checked, identity: str) -> None:

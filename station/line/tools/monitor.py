@@ -11,9 +11,11 @@ from pathlib import Path
 
 import can
 
-from alignment.errors import InputError
+from alignment.errors import ConfigurationError, InputError
 from station.line.tools.logs.reading import read_log
 from station.line.wire import Guard, LineBus, LineDatabase, Value, error_in_words, open_log
+
+_LARGEST_TIME_S = 32_503_680_000.0
 
 
 @dataclass(frozen=True)
@@ -116,11 +118,19 @@ def recorded(frames: Iterable[can.Message], path: Path) -> Iterator[can.Message]
     Raises
     ------
     ConfigurationError
-        When the file has another ending or cannot be written.
+        When the file has another ending, cannot be written, or a frame has a time that no log can hold.
     """
     writer = open_log(path)
     try:
         for frame in frames:
+            # python-can fails on such a time with an error of its own, for BLF only when the file is closed.
+            if not abs(frame.timestamp) < _LARGEST_TIME_S:
+                raise ConfigurationError(
+                    file=path,
+                    field="log",
+                    expected="frames of a time that a log can hold, before the year 3000",
+                    seen=f"{frame.timestamp:g} s",
+                )
             writer.on_message_received(frame)
             yield frame
     finally:

@@ -48,7 +48,7 @@ from alignment.statistics import (
 )
 from station.figures import Goal, Row, StudyResult
 from station.quality.gauge import pictures
-from station.quality.gauge.file import GaugeRow
+from station.quality.gauge.file import GaugeRow, without_appraiser
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,6 @@ class GaugeReport:
             "assessment": self.assessment,
             **self.result.as_json(),
         }
-
-
-def without_appraiser(rows: Sequence[GaugeRow]) -> bool:
-    """Whether a study has fewer than two appraisers: type 3, the one for an automatic station."""
-    return len({row.appraiser for row in rows}) < 2
 
 
 def analyse_grr(
@@ -158,23 +153,7 @@ def analyse_grr(
         }
         for name, value in components.items()
     ]
-    facts: dict[str, Any] = {
-        "method": str(method),
-        "type": 3 if type3 else 2,
-        "parts": found.parts,
-        "appraisers": found.appraisers,
-        "trials": found.trials,
-        "unit": unit,
-        "study_variation_in_sigma": multiplier,
-        "tolerance": tolerance,
-        "interaction_p": found.interaction_p,
-        "interaction_pooled": found.pooled,
-        "pooling_p": pooling_p,
-        "anova": [
-            {"source": s.name, "df": s.df, "ss": s.squares, "ms": s.mean_square, "f": s.f, "p": s.p}
-            for s in found.table
-        ],
-    }
+    facts = _grr_facts(found, {"unit": unit, "pooling_p": pooling_p})
     assessment = _grr_assessment(found, percent_tolerance) + _coarse(values, found.repeatability)
     text = f"{_size(found)}, by {_METHODS[method]}. {assessment}"
     plots = {
@@ -405,6 +384,26 @@ def analyse_budget(
 
 
 _METHODS = {GrrMethod.ANOVA: "analysis of variance", GrrMethod.RANGE: "average and range"}
+
+
+def _grr_facts(found: GrrResult, given: dict[str, Any]) -> dict[str, Any]:
+    """What was done, for a program; `given` is what the person chose of it and the result does not say."""
+    return {
+        "method": str(found.method),
+        "type": 2 if found.appraisers else 3,
+        "parts": found.parts,
+        "appraisers": found.appraisers,
+        "trials": found.trials,
+        "study_variation_in_sigma": found.multiplier,
+        "tolerance": found.tolerance,
+        "interaction_p": found.interaction_p,
+        "interaction_pooled": found.pooled,
+        "anova": [
+            {"source": s.name, "df": s.df, "ss": s.squares, "ms": s.mean_square, "f": s.f, "p": s.p}
+            for s in found.table
+        ],
+        **given,
+    }
 
 
 def _grr_assessment(found: GrrResult, percent_tolerance: float | None) -> str:

@@ -21,8 +21,7 @@ from alignment.statistics import (
     resolution_uncertainty,
 )
 from db.records import StudyKind
-from station.quality.gauge.analysis import without_appraiser
-from station.quality.gauge.file import read_budget_file, read_gauge_file
+from station.quality.gauge.file import read_budget_file, read_gauge_file, without_appraiser
 from station.quality.gauge.source import GAUGE_COLUMNS, GaugeSource
 
 

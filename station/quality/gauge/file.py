@@ -92,3 +92,8 @@ def read_budget_file(path: Path) -> list[Component]:
         source = line.text("source") if line.has("source") else ""
         found.append(Component(Contribution(kind), u, source))
     return found
+
+
+def without_appraiser(rows: Sequence[GaugeRow]) -> bool:
+    """Whether a study has fewer than two appraisers: type 3, the one for an automatic station."""
+    return len({row.appraiser for row in rows}) < 2

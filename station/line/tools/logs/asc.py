@@ -6,6 +6,7 @@ gives the time of day. Words and dates come in the language of the recording com
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
@@ -50,8 +51,6 @@ def start_of(words: str) -> float | None:
         return None
     name = match[1].lower().rstrip(".")
     month = next((number for number, starts in _MONTHS.items() if name.startswith(starts)), None)
-    if name.startswith(("juin", "juil")):
-        month = 6 if name.startswith("juin") else 7
     hour, half = int(match[3]), (match[7] or "").lower()
     if half:
         hour = hour % 12 + (12 if half == "pm" else 0)
@@ -116,6 +115,8 @@ class _Reader:
         looks = any(word.lower() in _DIRECTIONS for word in words)
         try:
             stated = float(words[0])
+            if not math.isfinite(stated):
+                raise ValueError(words[0])
         except ValueError:
             if looks:
                 self.notes.skip(where, "a line without a time")

@@ -64,8 +64,13 @@ def blf_frames(binary: BinaryIO, notes: Notes) -> Generator[can.Message]:
         cut = len(data) < size
         if kind == _CONTAINERS:
             stream += _unpacked(data, head, place, cut)
-            yield from _of_stream(stream, start, notes, place)
-            stream = stream[_whole(stream) :]
+            done = 0
+            for at, length in _objects(stream, place):
+                done = at + length
+                frame = _frame(stream[at:done], start, notes, place)
+                if frame is not None:
+                    yield frame
+            stream = stream[done:]  # an object may go on in the next container
         elif not cut:
             frame = _frame(data, start, notes, place)
             if frame is not None:
@@ -142,15 +147,8 @@ def _unpacked(data: bytes, head: int, place: _Place, cut: bool) -> bytes:
     return unpacked
 
 
-def _of_stream(data: bytes, start: float, notes: Notes, place: _Place) -> Iterator[can.Message]:
-    """Frames of the objects that lie whole in unpacked bytes."""
-    for at, size in _objects(data, place):
-        frame = _frame(data[at : at + size], start, notes, place)
-        if frame is not None:
-            yield frame
-
-
 def _objects(data: bytes, place: _Place) -> Iterator[tuple[int, int]]:
+    """Place and size of the objects that lie whole in unpacked bytes."""
     at = 0
     while (found := data.find(b"LOBJ", at, at + _PADDING + 4)) >= 0 and found + _OBJECT.size <= len(data):
         size, _, _ = _sized(data[found : found + _OBJECT.size], place)
@@ -160,14 +158,6 @@ def _objects(data: bytes, place: _Place) -> Iterator[tuple[int, int]]:
         at = found + size
     if len(data) - at >= _PADDING + 4 and found < 0:
         raise DamageError(str(place), "no object where one must begin, within a container")
-
-
-def _whole(data: bytes) -> int:
-    """Bytes of the objects that lie whole in unpacked bytes; an object may go on in the next container."""
-    last = 0
-    for at, size in _objects(data, _Place()):
-        last = at + size
-    return last
 
 
 def _frame(data: bytes, start: float, notes: Notes, place: _Place) -> can.Message | None:

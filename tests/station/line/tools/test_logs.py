@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from alignment.errors import FormatError
+from alignment.errors import ConfigurationError, FormatError
 from station.line.tools.logs.asc import start_of
 from station.line.tools.logs.reading import LogReading, read_log
 from station.line.tools.monitor import recorded
@@ -355,3 +355,18 @@ def test_a_text_that_is_no_log_is_refused(tmp_path: Path, ending: str) -> None:
     for number, lines in enumerate((["this is no log"], [], ["", ""], ["// nothing"])):
         with pytest.raises(FormatError, match=r"candump|ASC"):
             read(text(tmp_path / f"{number}{ending}", *lines))
+
+
+@pytest.mark.parametrize("ending", [".log", ".asc", ".blf"])
+def test_a_time_that_a_format_cannot_hold_is_one_error(tmp_path: Path, ending: str) -> None:
+    far = text(tmp_path / "far.log", "(99999999999999.0) can0 110#5900000000000000")
+    with pytest.raises(ConfigurationError, match=r"before the year 3000, found 1e\+14 s"):
+        list(recorded(read_log(far), tmp_path / f"out{ending}"))
+
+
+@pytest.mark.parametrize("time", ["inf", "nan", "1e999", "-inf"])
+def test_a_time_that_is_no_number_is_counted(tmp_path: Path, time: str) -> None:
+    line = f"{time} 1  110             Rx   d 8 59 00 00 00 00 00 00 00"
+    found, reading = read(text(tmp_path / "a.asc", *HEADER, line, *LINES))
+    assert len(found) == 5
+    assert reading.notes.lost == 1
