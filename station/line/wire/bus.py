@@ -280,9 +280,9 @@ class LineBus:
             return
         try:
             self._writer.on_message_received(frame)
-        except (OSError, ValueError) as error:
+        except FOREIGN as error:
             self._log_failures += 1
-            self._last_error = f"log: {error}"
+            self._last_error = f"log: {said(error)}"
             self._finish_log()
 
     def _finish_log(self) -> None:
@@ -291,9 +291,9 @@ class LineBus:
             return
         try:
             writer.stop()
-        except (OSError, ValueError) as error:
+        except FOREIGN as error:
             self._log_failures += 1
-            self._last_error = f"log: {error}"
+            self._last_error = f"log: {said(error)}"
 
 
 def open_bus(settings: BusSettings, now: Callable[[], float] = time.time) -> LineBus:

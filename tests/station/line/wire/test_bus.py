@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import struct
 import threading
 from pathlib import Path
 
@@ -140,27 +141,32 @@ def test_log_of_both_directions_is_decoded_again(
 
 
 class FullDisk:
-    def __init__(self, stop_fails: bool) -> None:
+    def __init__(self, stop_fails: bool, error: Exception) -> None:
         self.stop_fails = stop_fails
         self.stopped = 0
+        self.error = error
 
     def on_message_received(self, msg: can.Message) -> None:
-        raise OSError("no space left on device")
+        raise self.error
 
     def stop(self) -> None:
         self.stopped += 1
         if self.stop_fails:
-            raise OSError("no space left on device")
+            raise self.error
 
 
+# A time or a number that python-can's writers cannot put into their formats ends in errors of their own.
+@pytest.mark.parametrize(
+    "error", [OSError("no space left on device"), OverflowError("infinity"), struct.error("range")]
+)
 @pytest.mark.parametrize(("stop_fails", "failures"), [(False, 1), (True, 2)])
-def test_full_disk_stops_the_log_not_the_line(stop_fails: bool, failures: int) -> None:
-    fake, disk = FakeCanBus(), FullDisk(stop_fails)
+def test_full_disk_stops_the_log_not_the_line(stop_fails: bool, failures: int, error: Exception) -> None:
+    fake, disk = FakeCanBus(), FullDisk(stop_fails, error)
     with LineBus(lambda: fake, disk) as bus:  # type: ignore[arg-type]
         bus.send(frame(1))
         bus.send(frame(2))
         assert bus.health.log_failures == failures
-        assert "no space" in str(bus.health.last_error)
+        assert str(error) in str(bus.health.last_error)
     assert len(fake.sent) == 2
     assert disk.stopped == 1
 
