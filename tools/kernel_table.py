@@ -52,6 +52,8 @@ def scenarios(folder: Path) -> list[tuple[str, list[str]]]:
     wheel, plates, calibration = folder / "wheel", folder / "plates", folder / "calibration.json"
     simulate = ["simulate", "wheel", "--camber", "-0.8", "--toe", "0.15", "--seed", "7"]
     runs = [("wheel_images", [*simulate, "--out", str(wheel)])]
+    loaded = [*simulate, "--load-mm", "5", "--out", str(folder / "loaded")]
+    runs.append(("deformed_wheel_images", loaded))
     runs += [
         ("plate_images", ["simulate", "plate-session", "--seed", "7", "--views", "4", "--out", str(plates)])
     ]

@@ -42,7 +42,9 @@ from .shot import check_shot_matches as check_shot_matches
 from .shot import read_shot as read_shot
 from .shot import write_shot as write_shot
 from .text import text_of as text_of
+from .truth import LoadOptions as LoadOptions
 from .truth import TruthFile as TruthFile
+from .truth import TyreLoad as TyreLoad
 from .truth import WheelTruth as WheelTruth
 from .truth import read_truth as read_truth
 from .truth import write_truth as write_truth

@@ -18,6 +18,43 @@ _Millimetres = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 @dataclass(frozen=True)
+class TyreLoad:
+    """How a tyre on the road differs from the same tyre in the air; it stays where the road is.
+
+    Every part moves the sidewall along the tyre's axis, has its own shape over the angle from the contact
+    patch and its own radial profile, and leaves the bead where it is.
+
+    Attributes
+    ----------
+    bulge_mm
+        Largest bulge outboard, over the contact patch.
+    width_deg
+        Half width of the bulge: the standard deviation of a Gaussian; a wave is as wide at half height.
+    shape
+        ``gaussian``; ``wave``: decays and swings back, as a ring on an elastic foundation.
+    side_mm
+        Shift of the tread by side force, outboard positive.
+    side_width_deg
+        Half width of that shift, as `width_deg`; broader than the bulge.
+    longitudinal_mm
+        Largest bulge ahead of the contact patch, and hollow behind it, by longitudinal force; either sign.
+    crest
+        Where the bulge is greatest: 0 at the rim's edge, 1 at the tread.
+    tread
+        About the share of the bulge that is left at the tread.
+    """
+
+    bulge_mm: float = 0.0
+    width_deg: float = 24.0
+    shape: Literal["gaussian", "wave"] = "gaussian"
+    side_mm: float = 0.0
+    side_width_deg: float = 48.0
+    longitudinal_mm: float = 0.0
+    crest: float = 0.55
+    tread: float = 0.2
+
+
+@dataclass(frozen=True)
 class WheelTruth:
     """The angles of one simulated wheel, signs as the conventions say.
 
@@ -39,6 +76,8 @@ class WheelTruth:
         Radius at which `runout_mm` is stated.
     centre_mm
         (x, y, z) of the wheel's centre, rig frame.
+    load
+        What the road did to the tyre; None for a wheel in the air.
     """
 
     side: Side
@@ -51,6 +90,39 @@ class WheelTruth:
     runout_mm: float = 0.0
     runout_radius_mm: float = 300.0
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    load: TyreLoad | None = None
+
+
+class LoadOptions(StrictModel):
+    """What the road does to a tyre; fields as `TyreLoad`."""
+
+    bulge_mm: float = Field(
+        default=0.0, ge=0, le=30, description="Largest bulge of the sidewall, millimetres"
+    )
+    width_deg: float = Field(default=24.0, ge=5, le=60, description="Half width of the bulge, degrees")
+    shape: Literal["gaussian", "wave"] = Field(
+        default="gaussian", description="How the bulge falls off over the angle; a wave swings back"
+    )
+    side_mm: float = Field(
+        default=0.0, ge=-30, le=30, description="Shift of the tread by side force, millimetres"
+    )
+    side_width_deg: float = Field(default=48.0, ge=5, le=120, description="Half width of that shift, degrees")
+    longitudinal_mm: float = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="Bulge ahead of the contact patch, hollow behind it, millimetres",
+    )
+    crest: float = Field(
+        default=0.55, ge=0.2, le=0.8, description="Where the bulge is greatest: 0 rim's edge, 1 tread"
+    )
+    tread: float = Field(
+        default=0.2, ge=0, le=0.9, description="About the share of the bulge left at the tread"
+    )
+
+    def load(self) -> TyreLoad:
+        """Return the value that the renderer takes."""
+        return TyreLoad(**self.model_dump())
 
 
 class TruthFile(StrictModel):
@@ -73,6 +145,9 @@ class TruthFile(StrictModel):
     centre_mm: tuple[_Millimetres, _Millimetres, _Millimetres] = Field(
         description="Centre of the wheel in the rig frame, millimetres"
     )
+    load: LoadOptions | None = Field(
+        default=None, description="What the road did to the tyre; null in the air"
+    )
 
 
 def read_truth(path: str | PathLike[str]) -> WheelTruth:
@@ -85,7 +160,8 @@ def read_truth(path: str | PathLike[str]) -> WheelTruth:
     """
     path = Path(path)
     found = validate(TruthFile, load_json(path, "the truth of a simulated wheel"), file=path)
-    return WheelTruth(**found.model_dump(exclude={"schema_"}))
+    load = None if found.load is None else found.load.load()
+    return WheelTruth(**found.model_dump(exclude={"schema_", "load"}), load=load)
 
 
 def write_truth(path: str | PathLike[str], truth: WheelTruth) -> None:

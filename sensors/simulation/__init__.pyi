@@ -1,3 +1,4 @@
+from .deformation import Wobble as Wobble
 from .optics import Optics as Optics
 from .optics import develop as develop
 from .optics import integrate as integrate
@@ -28,5 +29,6 @@ from .simulated_rig import PoseDrawer as PoseDrawer
 from .simulated_rig import SimulatedRig as SimulatedRig
 from .simulated_rig import angles_about as angles_about
 from .simulated_rig import true_calibration as true_calibration
+from .tyre import MADE_SHAPES as MADE_SHAPES
 from .tyre import SHAPES as SHAPES
 from .tyre import Material as Material

@@ -44,7 +44,7 @@ class _Things:
     """All geometry of a scene in the tyre frame; kind 0 is the wheel, 1 its valve, 2… obstacles."""
 
     def __init__(self, scene: WheelScene, tyre_from_rig: RigidTransform) -> None:
-        self._casters: list[tuple[Any, int]] = [(scene.tyre.scene, 0)]
+        self._casters: list[tuple[Any, int]] = [(scene.deformed_tyre.scene, 0)]
         if scene.obstacles:
             meshes = [(tyre_from_rig.apply(item.vertices), item.triangles) for item in scene.obstacles]
             self._casters.append((casting_scene(meshes), 2))
@@ -124,7 +124,7 @@ def render_samples(
     origin, rotation = tyre_from_camera.translation.copy(), np.ascontiguousarray(tyre_from_camera.rotation)
     model = camera.model
     things = _Things(scene, tyre_from_rig)
-    skin, surface = _skin(scene.tyre), scene.tyre.surface
+    skin, surface = _skin(scene.tyre), scene.deformed_tyre.surface
 
     rows, columns = -(-model.height // CELL), -(-model.width // CELL)
     v, u = np.mgrid[0 : rows + 1, 0 : columns + 1] * float(CELL) - 0.5
@@ -213,7 +213,7 @@ def _shade_mixed(
     lit[hit] = things.lit(origin + depth[hit, None] * rays[hit], light.projectors)
     wheel, other = kind == _WHEEL, kind >= _VALVE
     out[rows[wheel], columns[wheel]] = shading.shade_wheel_rays(
-        rays[wheel], depth[wheel], lit[wheel], origin, scene.tyre.surface, skin, light
+        rays[wheel], depth[wheel], lit[wheel], origin, scene.deformed_tyre.surface, skin, light
     )
     out[rows[other], columns[other]] = shading.shade_facets(
         rays[other], depth[other], normal[other], things.materials[kind[other]], lit[other], origin, light

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +14,8 @@ from alignment.arrays import Array, Index
 from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
 from alignment.vehicle import camber_toe, normal_from_angles
-from sensors.formats.truth import WheelTruth
+from sensors.formats.truth import TyreLoad, WheelTruth
+from sensors.simulation.deformation import Contact, Wobble
 from sensors.simulation.optics import Optics
 from sensors.simulation.projector import Projector
 from sensors.simulation.rigs import RigSpec, build_projectors
@@ -138,6 +140,10 @@ class WheelScene:
         Share of the light that a camera passes, by name such as ``head_2.left``; 1 for those not named.
     seed
         What the scene was drawn from, for the record.
+    load
+        What the road does to the tyre; None for a wheel in the air.
+    wobble
+        What turns with the wheel beside the run-out of its pose.
     """
 
     side: Side
@@ -150,6 +156,24 @@ class WheelScene:
     obstacles: tuple[Obstacle, ...] = ()
     transmission: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    load: TyreLoad | None = None
+    wobble: Wobble | None = None
+
+    @property
+    def contact(self) -> Contact:
+        """Where the road is: straight down in the vehicle frame, whatever camber and turn the wheel has."""
+        tyre_from_vehicle = self.pose.vehicle_from_tyre(self.side).T
+        down, ahead = -tyre_from_vehicle[:, 2], tyre_from_vehicle[:, 0]
+        turning = down[0] * ahead[1] - down[1] * ahead[0]
+        return Contact(math.atan2(down[1], down[0]), 1 if turning > 0 else -1)
+
+    @cached_property
+    def deformed_tyre(self) -> Tyre:
+        """The tyre as it stands there: under its load, with its wobble."""
+        if self.load is None and self.wobble is None:
+            return self.tyre
+        load = None if self.load is None else (self.load, self.contact)
+        return self.tyre.deformed(load, self.wobble, (self.pose.run_out, self.pose.run_out_phase))
 
     def rig_from_tyre(self, calibration: RigCalibration) -> RigidTransform:
         """Pose of the tyre in the frame of a rig that stands as its calibration says."""
@@ -196,4 +220,5 @@ def truth_of(scene: WheelScene) -> WheelTruth:
         runout_mm=2.0 * RUN_OUT_RADIUS_MM * math.sin(pose.run_out),
         runout_radius_mm=RUN_OUT_RADIUS_MM,
         centre_mm=pose.offset_mm,
+        load=scene.load,
     )

@@ -166,6 +166,7 @@ def shade_cells(
         (samples · height, samples · width) radiance; other cells stay untouched.
     """
     scales, profile, relief, occupied = surface.scales, surface.profile, surface.relief, surface.occupied
+    deformation = surface.deformation
     texture, materials = skin.texture, skin.materials
     projectors, lines, around = light.projectors, light.lines, light.around
     ox, oy, oz = o[0], o[1], o[2]
@@ -215,7 +216,7 @@ def shade_cells(
                             r00 * x + r01 * y + r02, r10 * x + r11 * y + r12, r20 * x + r21 * y + r22,
                         )  # fmt: skip
                         x, y = ox + t * dx, oy + t * dy
-                        z, zx, zy, bump, _ = height(x, y, scales, profile, relief, bumpy)
+                        z, zx, zy, bump, _ = height(x, y, scales, profile, relief, deformation, bumpy)
                         value = _wheel_radiance(
                             x, y, z, dx, dy, dz, zx, zy, bump, 0,
                             texture, materials, projectors, lines, around,
@@ -240,8 +241,9 @@ def shade_cells(
                             )  # fmt: skip
                             guess = t00 + g * tu + f * (tv + g * tuv)
                             t, zx, zy, bump, ok = meet_surface(
-                                ox, oy, oz, dx, dy, dz, guess + lift, scales, profile, relief, bumpy
-                            )
+                                ox, oy, oz, dx, dy, dz, guess + lift,
+                                scales, profile, relief, deformation, bumpy,
+                            )  # fmt: skip
                             lift = t - guess if ok else 0.0
                             out[row * samples + a, column * samples + b] = _wheel_radiance(
                                 ox + t * dx, oy + t * dy, oz + t * dz, dx, dy, dz, zx, zy, bump,
@@ -252,13 +254,19 @@ def shade_cells(
 @kernel
 def refine(rays: Array, t: Array, o: Array, surface: Surface) -> tuple[Array, Array, Mask]:
     """Exact hits of rays (N, 3) from o near t (N,): t (N,), rows (dz/dx, dz/dy, relief), and success."""
-    scales, profile, relief = surface.scales, surface.profile, surface.relief
+    scales, profile, relief, deformation = (
+        surface.scales,
+        surface.profile,
+        surface.relief,
+        surface.deformation,
+    )
     out, gradient = np.empty_like(t), np.empty_like(rays)
     good = np.empty(t.shape[0], dtype=np.bool_)
     for i in range(t.shape[0]):
         out[i], gradient[i, 0], gradient[i, 1], gradient[i, 2], good[i] = meet_surface(
-            o[0], o[1], o[2], rays[i, 0], rays[i, 1], rays[i, 2], t[i], scales, profile, relief, True
-        )
+            o[0], o[1], o[2], rays[i, 0], rays[i, 1], rays[i, 2], t[i],
+            scales, profile, relief, deformation, True,
+        )  # fmt: skip
     return out, gradient, good
 
 

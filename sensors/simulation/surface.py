@@ -1,11 +1,12 @@
-"""The analytic sidewall: a spline of revolution with a relief on it, and where a ray meets it.
+"""The analytic sidewall: a spline of revolution, a relief and a deformation on it, and where a ray meets it.
 
 In the tyre frame (z outboard along the axis of revolution) the surface is the height field
 
-    z(r, θ) = P(r) + B(r, θ)
+    z(r, θ) = P(r) + B(r, θ) + D(r, θ)
 
-with P a uniform cubic B-spline and B, the lettering, a uniform bicubic B-spline that is periodic in θ. The
-control values *are* the definition, so heights, gradients and ray intersections are exact to rounding.
+with P a uniform cubic B-spline; B, the lettering, and D, what load and run-out do to the tyre, uniform
+bicubic B-splines that are periodic in θ. The control values *are* the definition, so heights, gradients and
+ray intersections are exact to rounding. Without D the kernels are compiled without a trace of it.
 """
 
 from __future__ import annotations
@@ -37,19 +38,22 @@ class Surface(NamedTuple):
     Attributes
     ----------
     scales
-        (4,) radius of the first control value of P and their spacing; the same of the rows of B.
+        (6,) radius of the first control value of P and their spacing; the same of the rows of B and of D.
     profile
         (N,) control values of P.
     relief
         (rows over r, columns over θ from −π) control values of B.
     occupied
         Which blocks of `BLOCK` × `BLOCK` spline cells of B are not flat.
+    deformation
+        (rows over r, columns over θ from −π) control values of D; None for a tyre that is not deformed.
     """
 
     scales: Array
     profile: Array
     relief: Singles
     occupied: Mask
+    deformation: Array | None = None
 
 
 def occupied_blocks(relief: Singles) -> Mask:
@@ -83,8 +87,8 @@ def _slopes(f: float) -> tuple[float, float, float, float]:
 
 
 @part
-def _relief(row: float, column: float, relief: Singles) -> tuple[float, float, float]:
-    """B and its derivatives along row and column, in units of the grid."""
+def _relief(row: float, column: float, relief: Singles | Array) -> tuple[float, float, float]:
+    """B or D and its derivatives along row and column, in units of the grid."""
     i, j = int(row), int(column)
     w0, w1, w2, w3 = _weights(column - j)
     s0, s1, s2, s3 = _slopes(column - j)
@@ -125,8 +129,9 @@ def relief_near(x: float, y: float, reach: float, scales: Array, relief: Singles
 
 @part
 def height(
-    x: float, y: float, scales: Array, profile: Array, relief: Singles, with_relief: bool
-) -> tuple[float, float, float, float, bool]:
+    x: float, y: float, scales: Array, profile: Array, relief: Singles, deformation: Array | None,
+    with_relief: bool,
+) -> tuple[float, float, float, float, bool]:  # fmt: skip
     """Height z, its derivatives along x and y, the relief's share of z, and whether (x, y) is on the tyre.
 
     `with_relief` false leaves out the relief, where `relief_near` knows of none.
@@ -153,13 +158,23 @@ def height(
             z += bump
             zx += br * x / r - bt * y / r2
             zy += br * y / r + bt * x / r2
+    if deformation is not None:
+        row = (r - scales[4]) / scales[5]
+        if row >= 1.0 and row < deformation.shape[0] - 2:
+            n = deformation.shape[1]
+            lift, dr, dc = _relief(row, (math.atan2(y, x) / (2.0 * math.pi) + 0.5) * n, deformation)
+            dr /= scales[5]
+            dt = dc * n / (2.0 * math.pi)
+            z += lift
+            zx += dr * x / r - dt * y / r2
+            zy += dr * y / r + dt * x / r2
     return z, zx, zy, bump, True
 
 
 @part
 def meet_surface(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float,
-    scales: Array, profile: Array, relief: Singles, with_relief: bool,
+    scales: Array, profile: Array, relief: Singles, deformation: Array | None, with_relief: bool,
 ) -> tuple[float, float, float, float, bool]:  # fmt: skip
     """Where the ray o + t d meets the surface, by Newton's method from a nearby t.
 
@@ -171,7 +186,9 @@ def meet_surface(
     limit = _LARGEST_STEP_MM / length
     zx, zy, bump = 0.0, 0.0, 0.0
     for _ in range(_MAX_STEPS):
-        z, zx, zy, bump, inside = height(ox + t * dx, oy + t * dy, scales, profile, relief, with_relief)
+        z, zx, zy, bump, inside = height(
+            ox + t * dx, oy + t * dy, scales, profile, relief, deformation, with_relief
+        )
         if not inside:
             return t, zx, zy, bump, False
         rate = dz - zx * dx - zy * dy
@@ -185,12 +202,14 @@ def meet_surface(
 
 
 @kernel
-def heights(xy: Array, scales: Array, profile: Array, relief: Singles) -> tuple[Array, Mask]:
+def heights(
+    xy: Array, scales: Array, profile: Array, relief: Singles, deformation: Array | None = None
+) -> tuple[Array, Mask]:
     """Rows (z, dz/dx, dz/dy, relief) of points (N, 2), and which lie on the tyre."""
     out = np.empty((xy.shape[0], 4))
     inside = np.empty(xy.shape[0], dtype=np.bool_)
     for i in range(xy.shape[0]):
-        z, zx, zy, bump, on = height(xy[i, 0], xy[i, 1], scales, profile, relief, True)
+        z, zx, zy, bump, on = height(xy[i, 0], xy[i, 1], scales, profile, relief, deformation, True)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = z, zx, zy, bump
         inside[i] = on
     return out, inside

@@ -20,6 +20,9 @@ from scipy.special import expit, ndtr
 
 from alignment.arrays import Array, Index, Singles
 from alignment.errors import DegenerateInputError
+from sensors.formats.truth import TyreLoad
+from sensors.simulation import deformation
+from sensors.simulation.deformation import Contact, Wobble
 from sensors.simulation.lettering import STEP_MM, Inscription, relief_map
 from sensors.simulation.surface import Surface, heights, occupied_blocks
 
@@ -132,7 +135,8 @@ class Tyre:
             When a point is not on the tyre.
         """
         s = self.surface
-        values, inside = heights(np.ascontiguousarray(xy, dtype=np.float64), s.scales, s.profile, s.relief)
+        places = np.ascontiguousarray(xy, dtype=np.float64)
+        values, inside = heights(places, s.scales, s.profile, s.relief, s.deformation)
         if not inside.all():
             raise DegenerateInputError(
                 field="xy",
@@ -154,6 +158,19 @@ class Tyre:
             texture *= 1.0 + inside * np.float32(rng.choice([-1.0, 1.5]) * strength)
         return replace(self, texture=texture)
 
+    def deformed(
+        self,
+        load: tuple[TyreLoad, Contact] | None,
+        wobble: Wobble | None = None,
+        lean: tuple[float, float] = (0.0, 0.0),
+    ) -> Tyre:
+        """Return the same tyre as load and wobble deform it; arguments as `deformation.control_values`."""
+        first, step = self.surface.scales[4:6]
+        values = deformation.control_values(
+            self.rim_edge_mm, first, self.outer_radius_mm + step, load=load, wobble=wobble, lean=lean
+        )
+        return replace(self, surface=self.surface._replace(deformation=values))
+
     @cached_property
     def scene(self) -> Any:
         """Open3D ray-casting scene, tyre frame: geometry 0 the wheel (no rings, no letters), 1 the valve."""
@@ -166,7 +183,10 @@ class Tyre:
         z = np.interp(radii, knots, self.smooth_profile)
         # The tread: away from the cameras, so that nothing behind the tyre shines through.
         outline = np.column_stack([np.append(radii, radii[-1]), np.append(z, z[-1] - 150.0)])
-        meshes = [lathe(outline, _MESH_SPOKES)]
+        vertices, triangles = lathe(outline, _MESH_SPOKES)
+        if self.surface.deformation is not None:
+            vertices = deformation.displaced(vertices, self.surface.deformation, self.surface.scales[4])
+        meshes = [(vertices, triangles)]
         if self.valve is not None:
             v = self.valve
             half = v.diameter_mm / 2
@@ -255,6 +275,10 @@ SHAPES = {
     "sport": TyreShape(214.0, 244.0, -2.0, 312.0, 7.0, 14.0, 9, 10.0),
     "van": TyreShape(200.0, 270.0, 8.0, 324.0, 26.0, 12.0, 4, 20.0),
 }
+"""Shapes by name, among which the accuracy studies draw."""
+
+MADE_SHAPES = {**SHAPES, "low_profile": TyreShape(240.0, 276.0, 0.0, 321.0, 6.0, 11.0, 5, 8.0)}
+"""All shapes that `draw_tyre` knows by name."""
 
 
 def _smooth_profile(shape: TyreShape, radii: Array) -> Array:
@@ -295,7 +319,16 @@ def make_tyre(
         profile += ring.height_mm * (ndtr(inner_flank) - ndtr(outer_flank))
     inner, outer = shape.rim_edge + 3.0, shape.outer - 6.0
     relief = relief_map(inscriptions, inner, outer) if inscriptions else np.zeros((4, 8), dtype=np.float32)
-    scales = np.array([HUB_RADIUS_MM, PROFILE_STEP_MM, inner, STEP_MM])
+    scales = np.array(
+        [
+            HUB_RADIUS_MM,
+            PROFILE_STEP_MM,
+            inner,
+            STEP_MM,
+            HUB_RADIUS_MM - 2 * deformation.ROW_STEP_MM,
+            deformation.ROW_STEP_MM,
+        ]
+    )
     surface = Surface(scales, profile, relief, occupied_blocks(relief))
     if texture is None:
         texture = np.ones((_TEXTURE_SIZE, _TEXTURE_SIZE), dtype=np.float32)
@@ -313,7 +346,7 @@ def _draw_texture(rng: np.random.Generator, variation: float) -> Singles:
 def draw_tyre(
     rng: np.random.Generator, shape: str | TyreShape = "touring", *, letter_albedo: float = 1.0
 ) -> Tyre:
-    """Draw a tyre of one of `SHAPES`: form within some millimetres, rings, lettering and skin at random.
+    """Draw a tyre of one of `MADE_SHAPES`: form within some millimetres, rings, lettering and skin at random.
 
     Raises
     ------
@@ -321,9 +354,9 @@ def draw_tyre(
         When `shape` names none.
     """
     if isinstance(shape, str):
-        if shape not in SHAPES:
-            raise DegenerateInputError(field="shape", expected=" or ".join(SHAPES), seen=f"'{shape}'")
-        shape = SHAPES[shape]
+        if shape not in MADE_SHAPES:
+            raise DegenerateInputError(field="shape", expected=" or ".join(MADE_SHAPES), seen=f"'{shape}'")
+        shape = MADE_SHAPES[shape]
     shape = replace(
         shape,
         crest=shape.crest + rng.uniform(-5.0, 5.0),

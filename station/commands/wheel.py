@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 simulate_app = typer.Typer(no_args_is_help=True, help="Render images in the recorded formats.")
 
 
+class LoadShapeOption(StrEnum):
+    """How the bulge of a loaded tyre falls off."""
+
+    GAUSSIAN = "gaussian"
+    WAVE = "wave"
+
+
 class SideOption(StrEnum):
     """Side of the vehicle."""
 
@@ -170,6 +177,24 @@ def simulate_wheel_command(
         tuple[float, float, float],
         typer.Option(help="Position of the wheel's centre in the rig frame: x y z, millimetres."),
     ] = (0.0, 0.0, 0.0),
+    load_mm: Annotated[
+        float,
+        typer.Option(help="Bulge of the sidewall over the contact patch, millimetres.", min=0, max=30),
+    ] = 0.0,
+    load_width_deg: Annotated[
+        float,
+        typer.Option(help="Half width of the bulge: a Gaussian's sigma, degrees.", min=5, max=60),
+    ] = 24.0,
+    load_shape: Annotated[
+        LoadShapeOption, typer.Option(help="How the bulge falls off; a wave swings back.")
+    ] = LoadShapeOption.GAUSSIAN,
+    side_force_mm: Annotated[
+        float, typer.Option(help="Shift of the tread by side force, outboard positive.", min=-30, max=30)
+    ] = 0.0,
+    longitudinal_mm: Annotated[
+        float,
+        typer.Option(help="Bulge ahead of the contact patch by longitudinal force.", min=-10, max=10),
+    ] = 0.0,
     config: Annotated[
         Path | None, typer.Option(help="TOML with rig, tyre, light and noise.", show_default=False)
     ] = None,
@@ -177,6 +202,7 @@ def simulate_wheel_command(
 ) -> None:
     """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
     from alignment.errors import ConfigurationError
+    from sensors.formats import TyreLoad
     from sensors.simulation import WheelPose
     from station.rehearsal import read_simulation, simulate_wheel, write_simulated_wheel
 
@@ -184,7 +210,17 @@ def simulate_wheel_command(
     farthest = max(map(abs, offset))
     if not farthest <= 100.0:
         raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
-    compiled_for(("wheel_images",), as_json)
+    load = None
+    if load_mm or side_force_mm or longitudinal_mm:
+        load = TyreLoad(
+            bulge_mm=load_mm,
+            width_deg=load_width_deg,
+            shape="wave" if load_shape is LoadShapeOption.WAVE else "gaussian",
+            side_mm=side_force_mm,
+            side_width_deg=2.0 * load_width_deg,
+            longitudinal_mm=longitudinal_mm,
+        )
+    compiled_for(("wheel_images" if load is None else "deformed_wheel_images",), as_json)
     pose = WheelPose(
         camber=math.radians(camber),
         toe=math.radians(toe),
@@ -194,7 +230,7 @@ def simulate_wheel_command(
         offset_mm=offset,
     )
     shot, truth, calibration = simulate_wheel(
-        read_simulation(config), "left" if side is SideOption.LEFT else "right", pose, seed
+        read_simulation(config), "left" if side is SideOption.LEFT else "right", pose, seed, load
     )
     write_simulated_wheel(out, shot, truth, calibration)
     if as_json:

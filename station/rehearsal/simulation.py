@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.values import RigCalibration, Side
-from sensors.formats import StrictModel, WheelTruth, write_calibration, write_shot, write_truth
+from sensors.formats import StrictModel, TyreLoad, WheelTruth, write_calibration, write_shot, write_truth
 from sensors.shot import WheelShot
 from sensors.simulation import (
     RIG_SPECS,
@@ -66,7 +66,9 @@ class SimulationConfig(StrictModel):
     rig: Literal["standard", "dense", "central", "ccir"] = Field(
         default="standard", description="Geometry, cameras and light of the rig"
     )
-    tyre: Literal["touring", "sport", "van"] = Field(default="touring", description="Shape of the tyre")
+    tyre: Literal["touring", "sport", "van", "low_profile"] = Field(
+        default="touring", description="Shape of the tyre"
+    )
     ambient: float = Field(
         default=0.15, ge=0, le=10, description="Light from all around; 8 is the projector's"
     )
@@ -86,7 +88,7 @@ def read_simulation(path: Path | None) -> SimulationConfig:
 
 
 def simulate_wheel(
-    config: SimulationConfig, side: Side, pose: WheelPose, seed: int
+    config: SimulationConfig, side: Side, pose: WheelPose, seed: int, load: TyreLoad | None = None
 ) -> tuple[WheelShot, WheelTruth, RigCalibration]:
     """Render one wheel with all cameras of its rig: the shot, the truth, the true calibration.
 
@@ -100,11 +102,13 @@ def simulate_wheel(
         How the wheel stands.
     seed
         Of rig, tyre and noise: the same again gives the same images.
+    load
+        What the road does to the tyre; None for a wheel in the air.
     """
     calibration = true_calibration(f"front_{side}", side, config.rig, seed)
     rng = np.random.default_rng([seed, 1])
     drawn = draw_scene(config.spec(), side, pose, rng, config.tyre, seed=seed)
-    scene = replace(drawn, ambient=config.ambient, optics=Optics(**config.optics.model_dump()))
+    scene = replace(drawn, ambient=config.ambient, optics=Optics(**config.optics.model_dump()), load=load)
     shot = simulate_shot(
         scene, calibration, rng, settings=config.cameras.settings(), time_utc=datetime.now(UTC)
     )

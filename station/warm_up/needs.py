@@ -25,6 +25,7 @@ class Work(enum.StrEnum):
     REFRESH = "refresh"
     CALIBRATE = "calibrate"
     WHEEL_IMAGES = "wheel_images"
+    DEFORMED_WHEEL_IMAGES = "deformed_wheel_images"
     PLATE_IMAGES = "plate_images"
 
 

@@ -32,6 +32,18 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "uint8[:, ::1]; float64[:, ::1]; float64[:, :, :]; float64[::1]",
         ),
     },
+    "deformed_wheel_images": {
+        "sensors.simulation.projector.may_light": ("float64[:, ::1]; float64; int64; float64[:, ::1]",),
+        "sensors.simulation.shading.shade_cells": (
+            "int64; int64; uint8[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]; Array(float64, 2, 'C', True); named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1], float64[:, ::1]); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1]); int64; float32[:, ::1]",
+        ),
+        "sensors.simulation.shading.shade_facets": (
+            "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]; int64[::1]; float64[::1]; named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1])",
+        ),
+        "sensors.simulation.shading.shade_wheel_rays": (
+            "float64[:, ::1]; float64[::1]; int64[::1]; float64[::1]; named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1], float64[:, ::1]); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1])",
+        ),
+    },
     "measure_16": {
         "alignment.calibration.judgement_kernels.evidences": (
             "float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]",
@@ -208,13 +220,13 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
     "wheel_images": {
         "sensors.simulation.projector.may_light": ("float64[:, ::1]; float64; int64; float64[:, ::1]",),
         "sensors.simulation.shading.shade_cells": (
-            "int64; int64; uint8[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]; Array(float64, 2, 'C', True); named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1]); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1]); int64; float32[:, ::1]",
+            "int64; int64; uint8[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]; Array(float64, 2, 'C', True); named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1], none); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1]); int64; float32[:, ::1]",
         ),
         "sensors.simulation.shading.shade_facets": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]; int64[::1]; float64[::1]; named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1])",
         ),
         "sensors.simulation.shading.shade_wheel_rays": (
-            "float64[:, ::1]; float64[::1]; int64[::1]; float64[::1]; named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1]); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1])",
+            "float64[:, ::1]; float64[::1]; int64[::1]; float64[::1]; named('sensors.simulation.surface.Surface', float64[::1], float64[::1], float32[:, ::1], boolean[:, ::1], none); named('sensors.simulation.shading.Skin', float32[:, ::1], float64[::1]); named('sensors.simulation.shading.Light', float64[:, ::1], float64[:, :, ::1], float64[::1])",
         ),
     },
 }

@@ -9,13 +9,14 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from db.store import ResultStore
-from sensors.formats import read_image, read_truth, write_image
+from sensors.formats import TyreLoad, read_image, read_truth, write_image
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
 from station.cycle.words import Outcome
@@ -109,6 +110,20 @@ def test_right_wheel_with_run_out_differs_between_tyre_plane_and_spin_axis(
     assert (calibration["rig"], calibration["side"]) == ("front_right", "right")
     assert calibration["id"] == ended.json["calibration_id"]
     assert read_image(tmp_path / "right" / "head_1_left.png").shape == (582, 752)
+
+
+def test_a_loaded_wheel_tells_its_load_in_the_truth(truewheel: Truewheel, tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text('rig = "ccir"\ntyre = "low_profile"\n')
+    loaded = "--load-mm 6 --load-width-deg 20 --load-shape wave --side-force-mm -2"
+    arguments = (
+        f"simulate wheel --camber -1 --toe 0.5 --seed 8 {loaded} --config {tmp_path / 'small.toml'}"
+        f" --out {tmp_path / 'wheel'} --json"
+    )
+    ended = truewheel(*arguments.split())
+    assert ended.status == 0
+    load = TyreLoad(6.0, 20.0, "wave", side_mm=-2.0, side_width_deg=40.0)
+    assert ended.json["load"] == asdict(load)
+    assert read_truth(tmp_path / "wheel" / "truth.json").load == load
 
 
 @pytest.mark.parametrize("name", ["shot", "calibration", "truth", "station", "vehicle-type", "simulation"])

@@ -10,7 +10,7 @@ import pytest
 from alignment.errors import ConfigurationError
 from sensors.simulation.driver import SimulatedOptions
 from sensors.simulation.rigs import RIG_SPECS
-from sensors.simulation.tyre import SHAPES
+from sensors.simulation.tyre import MADE_SHAPES
 from station.configuration.settings import read_configuration, station_model
 from station.configuration.vehicle_types import VehicleType, read_vehicle_types
 from station.rehearsal.simulation import SimulationConfig, read_simulation
@@ -60,7 +60,7 @@ def test_shipped_configuration_is_valid() -> None:
 def test_names_of_simulated_rigs_and_tyres_are_those_of_the_simulator() -> None:
     for model in (SimulatedOptions, SimulationConfig):
         assert set(get_args(model.model_fields["rig"].annotation)) == set(RIG_SPECS)
-    assert set(get_args(SimulationConfig.model_fields["tyre"].annotation)) == set(SHAPES)
+    assert set(get_args(SimulationConfig.model_fields["tyre"].annotation)) == set(MADE_SHAPES)
 
 
 @pytest.mark.parametrize(
