@@ -34,6 +34,7 @@ from station.commands.line import line_app
 from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
+from station.commands.simulate import simulate_app
 from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
@@ -57,14 +58,14 @@ app.command()(demo)
 app.command()(init)
 app.command()(wheel.measure)
 app.command()(calibrate)
-wheel.simulate_app.command("plate-session")(simulate_plate_session_command)
-wheel.simulate_app.command("gauge-session")(simulate_gauge_session_command)
+simulate_app.command("plate-session")(simulate_plate_session_command)
+simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)
 app.command()(bench)
 app.command()(export)
 app.command()(warm_up)
 app.command()(report)
-app.add_typer(wheel.simulate_app, name="simulate", cls=Verbs)
+app.add_typer(simulate_app, name="simulate", cls=Verbs)
 app.add_typer(calibration_app, name="calibration", cls=Verbs)
 app.add_typer(gauge_app, name="gauge", cls=Verbs)
 app.add_typer(line_app, name="line", cls=Verbs)

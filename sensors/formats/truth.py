@@ -78,6 +78,10 @@ class WheelTruth:
         (x, y, z) of the wheel's centre, rig frame.
     load
         What the road did to the tyre; None for a wheel in the air.
+    rim_runout_mm
+        Axial run-out of the rim against the spin axis, peak to peak at its edge.
+    second_harmonic_mm
+        Second harmonic of the tyre's run-out, peak to peak at the tread.
     """
 
     side: Side
@@ -91,6 +95,8 @@ class WheelTruth:
     runout_radius_mm: float = 300.0
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     load: TyreLoad | None = None
+    rim_runout_mm: float = 0.0
+    second_harmonic_mm: float = 0.0
 
 
 class LoadOptions(StrictModel):
@@ -147,6 +153,18 @@ class TruthFile(StrictModel):
     )
     load: LoadOptions | None = Field(
         default=None, description="What the road did to the tyre; null in the air"
+    )
+    rim_runout_mm: float = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="Axial run-out of the rim, peak to peak at its edge, millimetres",
+    )
+    second_harmonic_mm: float = Field(
+        default=0.0,
+        ge=0,
+        le=100,
+        description="Second harmonic of the tyre's run-out at the tread, millimetres",
     )
 
 

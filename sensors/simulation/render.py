@@ -7,7 +7,7 @@ the facets of the mesh do not matter: hits lie within nanometres of the surface.
 
 Limits: one bounce of light; shadows have sharp edges, and relief of less than a few millimetres
 (rings, letters) casts none; obstacles thinner than four pixels may be missed; the camera's lens is sharp at
-all distances but for one constant blur; no motion during the exposure.
+all distances but for one constant blur; of a wheel that turns during the exposure a few moments are averaged.
 """
 
 from __future__ import annotations
@@ -220,28 +220,23 @@ def _shade_mixed(
     )
 
 
-def render_image(
-    scene: WheelScene,
-    camera: PosedCamera,
-    rig_from_tyre: RigidTransform,
-    rng: np.random.Generator | None,
-    settings: CameraSettings | None = None,
-    transmission: float = 1.0,
-) -> Image:
-    """Image (height, width) of one camera; without `rng` free of noise.
+def light_on_chip(
+    scene: WheelScene, calibration: RigCalibration, head: int, side: Literal["left", "right"]
+) -> Singles:
+    """Light (height, width) that one camera of a rig collects, without noise.
 
-    Parameters
-    ----------
-    settings
-        Exposure and gain; the defaults of `CameraSettings` when None.
-    transmission
-        Share of the light that the camera passes.
+    The mean of all moments of a turning wheel; pose and transmission as the scene gives them.
     """
-    settings = settings or CameraSettings()
-    light = integrate(render_samples(scene, camera, rig_from_tyre), SAMPLES, scene.optics.blur_px)
-    return develop(
-        light * np.float32(transmission), scene.optics, rng, settings.exposure_ms, settings.gain_db
-    )
+    part = calibration.heads[head]
+    camera = part.left if side == "left" else part.right
+    light = [
+        integrate(
+            render_samples(moment, camera, moment.rig_from_tyre(calibration)), SAMPLES, scene.optics.blur_px
+        )
+        for moment in scene.moments
+    ]
+    mean = light[0] if len(light) == 1 else np.mean(light, axis=0, dtype=np.float32)
+    return np.asarray(mean * np.float32(scene.transmission.get(f"{part.name}.{side}", 1.0)))
 
 
 def camera_image(
@@ -252,16 +247,13 @@ def camera_image(
     rng: np.random.Generator | None,
     settings: CameraSettings | None = None,
 ) -> Image:
-    """Image of one camera of a rig: `render_image` with the pose and transmission that the scene gives it."""
-    part = calibration.heads[head]
-    return render_image(
-        scene,
-        part.left if side == "left" else part.right,
-        scene.rig_from_tyre(calibration),
-        rng,
-        settings,
-        scene.transmission.get(f"{part.name}.{side}", 1.0),
-    )
+    """Image of one camera of a rig, of the light that `light_on_chip` tells; without `rng` free of noise.
+
+    Exposure and gain of `settings` scale it; how far a wheel turns meanwhile is the scene's.
+    """
+    settings = settings or CameraSettings()
+    light = light_on_chip(scene, calibration, head, side)
+    return develop(light, scene.optics, rng, settings.exposure_ms, settings.gain_db)
 
 
 def simulate_shot(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from sensors.simulation.rigs import RigSpec, build_projectors
 from sensors.simulation.tyre import GREY, Material, Tyre, TyreShape, draw_tyre, lathe
 
 RUN_OUT_RADIUS_MM = 300.0
+MOMENTS = 3
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,8 @@ class WheelScene:
         What the road does to the tyre; None for a wheel in the air.
     wobble
         What turns with the wheel beside the run-out of its pose.
+    turning
+        How far the wheel turns during one exposure, radians; the pose is the middle of it.
     """
 
     side: Side
@@ -158,6 +161,7 @@ class WheelScene:
     seed: int = 0
     load: TyreLoad | None = None
     wobble: Wobble | None = None
+    turning: float = 0.0
 
     @property
     def contact(self) -> Contact:
@@ -174,6 +178,19 @@ class WheelScene:
             return self.tyre
         load = None if self.load is None else (self.load, self.contact)
         return self.tyre.deformed(load, self.wobble, (self.pose.run_out, self.pose.run_out_phase))
+
+    @cached_property
+    def moments(self) -> tuple[WheelScene, ...]:
+        """The instants whose mean an exposure sees: one of a wheel that stands, else `MOMENTS`."""
+        if not self.turning:
+            return (self,)
+        steps = (np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5
+        return tuple(
+            replace(
+                self, pose=replace(self.pose, spin=self.pose.spin + float(step) * self.turning), turning=0.0
+            )
+            for step in steps
+        )
 
     def rig_from_tyre(self, calibration: RigCalibration) -> RigidTransform:
         """Pose of the tyre in the frame of a rig that stands as its calibration says."""
@@ -221,4 +238,6 @@ def truth_of(scene: WheelScene) -> WheelTruth:
         runout_radius_mm=RUN_OUT_RADIUS_MM,
         centre_mm=pose.offset_mm,
         load=scene.load,
+        rim_runout_mm=0.0 if scene.wobble is None else scene.wobble.rim_mm,
+        second_harmonic_mm=0.0 if scene.wobble is None else scene.wobble.second_mm,
     )

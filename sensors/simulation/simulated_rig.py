@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Literal
 
@@ -15,13 +15,15 @@ from alignment.calibration import content_digest
 from alignment.values import Image, RigCalibration, Side
 from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera
-from sensors.formats.truth import WheelTruth
+from sensors.formats.truth import TyreLoad, WheelTruth
 from sensors.frames import FrameTolerance
 from sensors.rig import Rig, StereoHead
 from sensors.shot import WheelShot
+from sensors.simulation.deformation import Wobble
 from sensors.simulation.render import camera_image
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelPose, WheelScene, draw_pose, draw_scene, truth_of
+from sensors.simulation.turning import Rollers, TurningWheel, mean_truth
 
 PoseDrawer = Callable[[np.random.Generator], WheelPose]
 TRUE_CALIBRATION_UTC = datetime(2026, 1, 1, tzinfo=UTC)
@@ -34,8 +36,30 @@ def true_calibration(rig: str, side: Side, preset: str, seed: int) -> RigCalibra
     return replace(built, id=f"simulated-{rig}-{content_digest(built)[:12]}")
 
 
+@dataclass(frozen=True)
+class Road:
+    """What wheels of a simulated rig stand on, and how round they are.
+
+    Attributes
+    ----------
+    load
+        What the road does to every tyre; None for wheels in the air.
+    wobble
+        What turns with every wheel beside the run-out of its pose.
+    rollers
+        What turns the wheels; None for wheels that stand still.
+    """
+
+    load: TyreLoad | None = None
+    wobble: Wobble | None = None
+    rollers: Rollers | None = None
+
+
 class SimulatedRig(Rig):
     """A rig in front of which every `arm` puts another wheel.
+
+    On rollers every `shoot` after it is the next exposure of that wheel, which turns and wanders meanwhile;
+    without them every `shoot` sees the same wheel, with noise of its own.
 
     Parameters
     ----------
@@ -51,11 +75,13 @@ class SimulatedRig(Rig):
         Of all cameras.
     tolerance
         What the frames of one shot may differ by.
+    road
+        What the wheels stand on.
 
     Attributes
     ----------
     truth
-        Of the wheel that stands there now.
+        Of the wheel that stands there now, as the exposure last taken saw it.
     """
 
     def __init__(
@@ -66,6 +92,7 @@ class SimulatedRig(Rig):
         pose: PoseDrawer,
         settings: CameraSettings,
         tolerance: FrameTolerance | None = None,
+        road: Road | None = None,
     ) -> None:
         # Rendering takes its time, but all cameras expose at one moment.
         self._exposed_s = 0.0
@@ -78,36 +105,64 @@ class SimulatedRig(Rig):
         self._calibration = calibration
         self._preset = preset
         self._seed = seed
+        self._road = road or Road()
         self._wheels = 0
+        self._exposures = 0
+        self._turning: TurningWheel | None = None
         self._scene: WheelScene | None = None
+        self._seen: WheelScene | None = None
         self._noise: dict[tuple[int, str], np.random.Generator] = {}
 
     @property
     def truth(self) -> WheelTruth:
         """The angles of the wheel that stands there now."""
-        return truth_of(self._wheel())
+        return truth_of(self._exposed_wheel())
+
+    @property
+    def series_truth(self) -> WheelTruth:
+        """The mean spin axis of all exposures of the wheel that stands there now."""
+        wheel = self._wheel()
+        if self._turning is None:
+            return truth_of(wheel)
+        count = max(self._exposures, 1)
+        return mean_truth([truth_of(self._turning.exposure(k)) for k in range(1, count + 1)])
 
     def arm(self) -> None:
         """Put the next wheel there, then arm the cameras."""
         self._wheels += 1
-        self._scene = None
+        self._exposures = 0
+        self._scene = self._turning = self._seen = None
         super().arm()
 
     def shoot(self, timeout_s: float) -> WheelShot:
-        """As `Rig.shoot`."""
+        """As `Rig.shoot`; on rollers the wheel has turned on."""
         self._exposed_s = time.monotonic()
+        self._exposures += 1
+        self._seen = None
         return super().shoot(timeout_s)
 
     def _wheel(self) -> WheelScene:
         if self._scene is None:
             rng = np.random.default_rng([self._seed, 1, self._wheels])
             pose = self.pose(rng)
-            self._scene = draw_scene(
-                RIG_SPECS[self._preset], self._calibration.side, pose, rng, seed=self._seed
-            )
+            drawn = draw_scene(RIG_SPECS[self._preset], self._calibration.side, pose, rng, seed=self._seed)
+            self._scene = replace(drawn, load=self._road.load, wobble=self._road.wobble)
+            if self._road.rollers is not None:
+                wander = np.random.default_rng([self._seed, 2, self._wheels])
+                self._turning = TurningWheel(
+                    self._scene, self._road.rollers, wander, self.settings.exposure_ms
+                )
             cameras = [(index, side) for index in range(len(self.heads)) for side in ("left", "right")]
             self._noise = dict(zip(cameras, rng.spawn(len(cameras)), strict=True))
         return self._scene
+
+    def _exposed_wheel(self) -> WheelScene:
+        wheel = self._wheel()
+        if self._turning is None:
+            return wheel
+        if self._seen is None:
+            self._seen = self._turning.exposure(max(self._exposures, 1))
+        return self._seen
 
     def _camera(
         self, calibration: RigCalibration, head: int, side: Literal["left", "right"]
@@ -120,7 +175,7 @@ class SimulatedRig(Rig):
 
     def image(self, head: int, side: Literal["left", "right"]) -> Image:
         """What one camera sees now."""
-        scene = self._wheel()
+        scene = self._exposed_wheel()
         return camera_image(scene, self._calibration, head, side, self._noise[head, side], self.settings)
 
 
@@ -134,11 +189,13 @@ class _View:
         return self._rig.image(self._head, self._side)
 
 
-def angles_about(camber_deg: float, toe_deg: float, spread_deg: float) -> PoseDrawer:
-    """Return a function that draws poses with angles about these, degrees."""
+def angles_about(
+    camber_deg: float, toe_deg: float, spread_deg: float, run_out_deg: float = 0.0
+) -> PoseDrawer:
+    """Return a function that draws poses with angles about these, degrees, and this run-out."""
 
     def draw(rng: np.random.Generator) -> WheelPose:
         camber, toe = rng.normal((camber_deg, toe_deg), spread_deg)
-        return draw_pose(rng, math.radians(camber), math.radians(toe))
+        return draw_pose(rng, math.radians(camber), math.radians(toe), run_out=math.radians(run_out_deg))
 
     return draw

@@ -1,4 +1,4 @@
-"""`truewheel measure` and `truewheel simulate wheel`."""
+"""`truewheel measure`."""
 
 from __future__ import annotations
 
@@ -12,20 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
-from station.commands.outputs import ready_new_folder
-from station.commands.warm_up import compiled_for, compiled_for_images
+from station.commands.warm_up import compiled_for_images
 
 if TYPE_CHECKING:
     from alignment.values import Refusal, WheelMeasurement
-
-simulate_app = typer.Typer(no_args_is_help=True, help="Render images in the recorded formats.")
-
-
-class LoadShapeOption(StrEnum):
-    """How the bulge of a loaded tyre falls off."""
-
-    GAUSSIAN = "gaussian"
-    WAVE = "wave"
 
 
 class SideOption(StrEnum):
@@ -157,91 +147,3 @@ def measurement_as_json(
         "knock_evidence": found.knock_evidence,
         "warning": found.warning,
     }
-
-
-@simulate_app.command("wheel")
-def simulate_wheel_command(
-    camber: Annotated[float, typer.Option(help="Camber of the spin axis, degrees.", min=-10, max=10)],
-    toe: Annotated[float, typer.Option(help="Toe of the spin axis, degrees.", min=-10, max=10)],
-    seed: Annotated[int, typer.Option(help="Of rig, tyre and noise.", min=0, max=2**32 - 1)],
-    out: Annotated[Path, typer.Option(help="New folder for shot, truth and calibration.")],
-    side: Annotated[SideOption, typer.Option(help="Side of the vehicle.")] = SideOption.LEFT,
-    spin: Annotated[float, typer.Option(help="Turn of the wheel, degrees.", min=-3600, max=3600)] = 0.0,
-    runout: Annotated[
-        float, typer.Option(help="Angle between tyre plane and spin axis, degrees.", min=0, max=5)
-    ] = 0.0,
-    runout_phase: Annotated[
-        float, typer.Option(help="Where in the wheel the tyre leans to, degrees.", min=-360, max=360)
-    ] = 0.0,
-    offset: Annotated[
-        tuple[float, float, float],
-        typer.Option(help="Position of the wheel's centre in the rig frame: x y z, millimetres."),
-    ] = (0.0, 0.0, 0.0),
-    load_mm: Annotated[
-        float,
-        typer.Option(help="Bulge of the sidewall over the contact patch, millimetres.", min=0, max=30),
-    ] = 0.0,
-    load_width_deg: Annotated[
-        float,
-        typer.Option(help="Half width of the bulge: a Gaussian's sigma, degrees.", min=5, max=60),
-    ] = 24.0,
-    load_shape: Annotated[
-        LoadShapeOption, typer.Option(help="How the bulge falls off; a wave swings back.")
-    ] = LoadShapeOption.GAUSSIAN,
-    side_force_mm: Annotated[
-        float, typer.Option(help="Shift of the tread by side force, outboard positive.", min=-30, max=30)
-    ] = 0.0,
-    longitudinal_mm: Annotated[
-        float,
-        typer.Option(help="Bulge ahead of the contact patch by longitudinal force.", min=-10, max=10),
-    ] = 0.0,
-    config: Annotated[
-        Path | None, typer.Option(help="TOML with rig, tyre, light and noise.", show_default=False)
-    ] = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Render one wheel: a shot, truth.json, and calibration.json with the true cameras."""
-    from alignment.errors import ConfigurationError
-    from sensors.formats import TyreLoad
-    from sensors.simulation import WheelPose
-    from station.rehearsal import read_simulation, simulate_wheel, write_simulated_wheel
-
-    ready_new_folder(out)
-    farthest = max(map(abs, offset))
-    if not farthest <= 100.0:
-        raise ConfigurationError(field="--offset", expected="at most 100 mm", seen=f"{farthest:g} mm")
-    load = None
-    if load_mm or side_force_mm or longitudinal_mm:
-        load = TyreLoad(
-            bulge_mm=load_mm,
-            width_deg=load_width_deg,
-            shape="wave" if load_shape is LoadShapeOption.WAVE else "gaussian",
-            side_mm=side_force_mm,
-            side_width_deg=2.0 * load_width_deg,
-            longitudinal_mm=longitudinal_mm,
-        )
-    compiled_for(("wheel_images" if load is None else "deformed_wheel_images",), as_json)
-    pose = WheelPose(
-        camber=math.radians(camber),
-        toe=math.radians(toe),
-        spin=math.radians(spin),
-        run_out=math.radians(runout),
-        run_out_phase=math.radians(runout_phase),
-        offset_mm=offset,
-    )
-    shot, truth, calibration = simulate_wheel(
-        read_simulation(config), "left" if side is SideOption.LEFT else "right", pose, seed, load
-    )
-    write_simulated_wheel(out, shot, truth, calibration)
-    if as_json:
-        print_json(
-            {
-                "shot": str(out),
-                "truth": str(out / "truth.json"),
-                "calibration": str(out / "calibration.json"),
-                "calibration_id": calibration.id,
-                **asdict(truth),
-            }
-        )
-    else:
-        typer.echo(f"wrote {out}: {2 * len(shot.heads)} images, truth.json, calibration.json")

@@ -22,5 +22,7 @@ from .power_loss import open_power_loss as open_power_loss
 from .simulated import simulated_station as simulated_station
 from .simulation import SimulationConfig as SimulationConfig
 from .simulation import read_simulation as read_simulation
+from .simulation import simulate_turning_wheel as simulate_turning_wheel
 from .simulation import simulate_wheel as simulate_wheel
 from .simulation import write_simulated_wheel as write_simulated_wheel
+from .simulation import write_turning_wheel as write_turning_wheel

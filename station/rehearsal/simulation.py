@@ -1,7 +1,8 @@
-"""`truewheel simulate wheel`: one rendered wheel, its truth and its true calibration."""
+"""`truewheel simulate wheel`: one rendered wheel that stands or turns, its truth and its true calibration."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.values import RigCalibration, Side
-from sensors.formats import StrictModel, TyreLoad, WheelTruth, write_calibration, write_shot, write_truth
+from sensors.formats import StrictModel, WheelTruth, write_calibration, write_shot, write_truth
 from sensors.shot import WheelShot
 from sensors.simulation import (
     RIG_SPECS,
@@ -20,13 +21,20 @@ from sensors.simulation import (
     LinePattern,
     Optics,
     RigSpec,
+    Road,
+    Rollers,
+    TurningWheel,
     WheelPose,
+    WheelScene,
     draw_scene,
+    mean_truth,
     simulate_shot,
     true_calibration,
     truth_of,
 )
 from station.configuration import CameraOptions, read_toml
+
+_AIR = Road()
 
 
 class OpticsOptions(StrictModel):
@@ -88,7 +96,7 @@ def read_simulation(path: Path | None) -> SimulationConfig:
 
 
 def simulate_wheel(
-    config: SimulationConfig, side: Side, pose: WheelPose, seed: int, load: TyreLoad | None = None
+    config: SimulationConfig, side: Side, pose: WheelPose, seed: int, road: Road = _AIR
 ) -> tuple[WheelShot, WheelTruth, RigCalibration]:
     """Render one wheel with all cameras of its rig: the shot, the truth, the true calibration.
 
@@ -102,17 +110,86 @@ def simulate_wheel(
         How the wheel stands.
     seed
         Of rig, tyre and noise: the same again gives the same images.
-    load
-        What the road does to the tyre; None for a wheel in the air.
+    road
+        What the wheel stands on, and how round it is; its rollers stand still.
     """
     calibration = true_calibration(f"front_{side}", side, config.rig, seed)
     rng = np.random.default_rng([seed, 1])
-    drawn = draw_scene(config.spec(), side, pose, rng, config.tyre, seed=seed)
-    scene = replace(drawn, ambient=config.ambient, optics=Optics(**config.optics.model_dump()), load=load)
+    scene = _scene(config, side, pose, seed, rng, road)
     shot = simulate_shot(
         scene, calibration, rng, settings=config.cameras.settings(), time_utc=datetime.now(UTC)
     )
     return shot, truth_of(scene), calibration
+
+
+def _scene(
+    config: SimulationConfig,
+    side: Side,
+    pose: WheelPose,
+    seed: int,
+    rng: np.random.Generator,
+    road: Road,
+) -> WheelScene:
+    drawn = draw_scene(config.spec(), side, pose, rng, config.tyre, seed=seed)
+    optics = Optics(**config.optics.model_dump())
+    return replace(drawn, ambient=config.ambient, optics=optics, load=road.load, wobble=road.wobble)
+
+
+def simulate_turning_wheel(
+    config: SimulationConfig,
+    side: Side,
+    pose: WheelPose,
+    seed: int,
+    road: Road,
+    exposures: int,
+) -> tuple[Iterator[tuple[WheelShot, WheelTruth]], RigCalibration]:
+    """Render a wheel that rollers turn: its exposures with the truth of each, and the true calibration.
+
+    Arguments as `simulate_wheel`; rig and tyre are those of the wheel that stands still. The images of an
+    exposure are rendered when it is asked for.
+    """
+    calibration = true_calibration(f"front_{side}", side, config.rig, seed)
+    rng = np.random.default_rng([seed, 1])
+    scene = _scene(config, side, pose, seed, rng, road)
+    settings = config.cameras.settings()
+    wheel = TurningWheel(
+        scene, road.rollers or Rollers(), np.random.default_rng([seed, 2]), settings.exposure_ms
+    )
+
+    def exposure(number: int) -> tuple[WheelShot, WheelTruth]:
+        seen = wheel.exposure(number)
+        shot = simulate_shot(
+            seen, calibration, rng, settings=settings, time_utc=datetime.now(UTC), trigger_counter=number
+        )
+        return shot, truth_of(seen)
+
+    return (exposure(number) for number in range(1, exposures + 1)), calibration
+
+
+def write_turning_wheel(
+    folder: Path, exposures: Iterable[tuple[WheelShot, WheelTruth]], calibration: RigCalibration
+) -> WheelTruth:
+    """Write ``turn_01`` … with the truth of each, ``truth.json`` of the mean axis and ``calibration.json``.
+
+    Returns
+    -------
+    WheelTruth
+        Of the mean axis.
+
+    Raises
+    ------
+    FormatError
+        When the folder holds something already or cannot be written.
+    """
+    truths = []
+    for number, (shot, truth) in enumerate(exposures, start=1):
+        write_shot(folder / f"turn_{number:02d}", shot)
+        write_truth(folder / f"turn_{number:02d}" / "truth.json", truth)
+        truths.append(truth)
+    mean = mean_truth(truths)
+    write_truth(folder / "truth.json", mean)
+    _write_true_calibration(folder, calibration)
+    return mean
 
 
 def write_simulated_wheel(
@@ -127,6 +204,10 @@ def write_simulated_wheel(
     """
     write_shot(folder, shot)
     write_truth(folder / "truth.json", truth)
+    _write_true_calibration(folder, calibration)
+
+
+def _write_true_calibration(folder: Path, calibration: RigCalibration) -> None:
     write_calibration(
         folder / "calibration.json",
         calibration,

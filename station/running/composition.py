@@ -62,7 +62,7 @@ def works_of(configuration: Configuration) -> tuple[Work, ...]:
     if not all(simulated):
         works.append(Work.MEASURE_16)
     if any(simulated):
-        works.append(Work.WHEEL_IMAGES)
+        works += [Work.WHEEL_IMAGES, Work.DEFORMED_WHEEL_IMAGES]
     return tuple(works)
 
 

@@ -16,15 +16,13 @@ from alignment.values import RigCalibration, Side, StereoImages, WheelMeasuremen
 from sensors.formats import PlateSession, read_plate
 from sensors.simulation import (
     RIG_SPECS,
-    SAMPLES,
     PlateSessionSpec,
     RigSpec,
     WheelScene,
     build_rig,
     develop,
-    integrate,
+    light_on_chip,
     plate_positions,
-    render_samples,
     simulate_plate_session,
     truth_of,
 )
@@ -86,16 +84,10 @@ def observed(session: PlateSession) -> CalibrationInput:
 
 def lights(scene: WheelScene, cameras: RigCalibration) -> list[tuple[Singles, Singles]]:
     """Light on the chips of each head's cameras, without noise: what rendering costs its time for."""
-    pose = scene.rig_from_tyre(cameras)
-    out = []
-    for head in cameras.heads:
-        pair = [
-            integrate(render_samples(scene, camera, pose), SAMPLES, scene.optics.blur_px)
-            * np.float32(scene.transmission.get(f"{head.name}.{side}", 1.0))
-            for camera, side in zip(head.cameras, ("left", "right"), strict=True)
-        ]
-        out.append((pair[0], pair[1]))
-    return out
+    return [
+        (light_on_chip(scene, cameras, head, "left"), light_on_chip(scene, cameras, head, "right"))
+        for head in range(len(cameras.heads))
+    ]
 
 
 def exposed(

@@ -15,7 +15,7 @@ from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
 from sensors.formats.truth import TyreLoad
 from sensors.simulation import render, shading
 from sensors.simulation.deformation import Contact, Wobble, angular_shapes, radial_shapes
-from sensors.simulation.optics import Optics
+from sensors.simulation.optics import Optics, develop, integrate
 from sensors.simulation.projector import LinePattern
 from sensors.simulation.rigs import RIG_SPECS, build_projectors, build_rig
 from sensors.simulation.scene import WheelPose, WheelScene, truth_of
@@ -203,7 +203,9 @@ def test_a_line_on_a_loaded_tyre_is_imaged_where_geometry_says(rig: RigCalibrati
     )  # fmt: skip
     head = 1  # at 210°
     camera, rig_from_tyre = rig.heads[head].left, scene.rig_from_tyre(rig)
-    image = render.render_image(scene, camera, rig_from_tyre, None).astype(float)
+    samples = render.render_samples(scene, camera, rig_from_tyre)
+    light = integrate(samples, render.SAMPLES, scene.optics.blur_px)
+    image = develop(light, scene.optics, None).astype(float)
     from_projector: RigidTransform = rig_from_tyre.inverse() @ projectors[head].rig_from_projector
     slopes = np.column_stack([np.zeros(400), np.linspace(-0.12, 0.12, 400), np.ones(400)])
     rays = from_projector.apply_vectors(slopes)

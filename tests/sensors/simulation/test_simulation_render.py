@@ -12,7 +12,7 @@ from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.values import RigCalibration
 from sensors.camera import CameraSettings
 from sensors.simulation import render
-from sensors.simulation.optics import Optics, integrate
+from sensors.simulation.optics import Optics, develop, integrate
 from sensors.simulation.projector import LinePattern
 from sensors.simulation.rigs import RIG_SPECS, build_projectors, build_rig
 from sensors.simulation.scene import Sun, WheelPose, WheelScene, cable, draw_scene, lump
@@ -61,7 +61,9 @@ def test_a_line_on_a_tilted_plane_is_imaged_where_geometry_says(
     if camera_model:
         camera = PosedCamera(replace(SMALL, model="division", coefficients=(-0.09,)), camera.rig_from_camera)
     rig_from_tyre = scene.rig_from_tyre(rig)
-    image = render.render_image(scene, camera, rig_from_tyre, None).astype(float)
+    samples = render.render_samples(scene, camera, rig_from_tyre)
+    light = integrate(samples, render.SAMPLES, scene.optics.blur_px)
+    image = develop(light, scene.optics, None).astype(float)
 
     # The middle line is the plane through the projector's centre that its axes x (or y) and z leave out.
     projector = projectors[head].rig_from_projector

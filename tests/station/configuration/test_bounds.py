@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from sensors.simulation.driver import SimulatedOptions
+from sensors.formats.truth import LoadOptions
+from sensors.simulation.driver import RollerOptions, SimulatedOptions
 from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
@@ -35,6 +36,8 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     CameraOptions: {},
     MeasureOptions: {},
     SimulatedOptions: {"seed": 1},
+    RollerOptions: {},
+    LoadOptions: {},
     OpticsOptions: {},
     PatternOptions: {"column_pitch_mm": 200.0, "row_pitch_mm": 200.0, "width_mm": 0.001, "edge_mm": 0.001},
     SimulationConfig: {},
@@ -101,6 +104,20 @@ BOUNDS = (
     Bounds(SimulatedOptions, "camber_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
     Bounds(SimulatedOptions, "toe_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
     Bounds(SimulatedOptions, "spread_deg", 0.1, 0.0, -JUST, 3.0, 3.001),
+    Bounds(SimulatedOptions, "run_out_deg", 0.0, 0.0, -JUST, 2.0, 2.001),
+    Bounds(SimulatedOptions, "second_harmonic_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
+    Bounds(SimulatedOptions, "rim_runout_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
+    Bounds(RollerOptions, "speed_deg_s", 170.0, -720.0, -720.01, 720.0, 720.01),
+    Bounds(RollerOptions, "interval_s", 0.14, NOUGHT, 0.0, 10.0, 10.001),
+    Bounds(RollerOptions, "wander_mm", 1.0, 0.0, -JUST, 20.0, 20.001),
+    Bounds(RollerOptions, "wander_deg", 0.05, 0.0, -JUST, 2.0, 2.001),
+    Bounds(LoadOptions, "bulge_mm", 0.0, 0.0, -JUST, 30.0, 30.001),
+    Bounds(LoadOptions, "width_deg", 24.0, 5.0, 4.999, 60.0, 60.001),
+    Bounds(LoadOptions, "side_mm", 0.0, -30.0, -30.001, 30.0, 30.001),
+    Bounds(LoadOptions, "side_width_deg", 48.0, 5.0, 4.999, 120.0, 120.001),
+    Bounds(LoadOptions, "longitudinal_mm", 0.0, -10.0, -10.001, 10.0, 10.001),
+    Bounds(LoadOptions, "crest", 0.55, 0.2, 0.199, 0.8, 0.801),
+    Bounds(LoadOptions, "tread", 0.2, 0.0, -JUST, 0.9, 0.901),
     Bounds(OpticsOptions, "blur_px", 0.7, 0.0, -JUST, 5.0, 5.001),
     Bounds(OpticsOptions, "full_well_e", 10_000.0, 100.0, 99.999, 1e6, 1e6 + 0.001),
     Bounds(OpticsOptions, "read_noise_e", 12.0, 0.0, -JUST, 1000.0, 1000.001),
