@@ -31,7 +31,8 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
-from alignment.wheel.agreement import HeadMoves, head_moves, head_sums
+from alignment.wheel.agreement import MOVES, HeadMoves, head_moves, head_sums
+from alignment.wheel.load import LoadedWheel, carry
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
@@ -48,6 +49,11 @@ _WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a l
 _LEAST_FULL_SCALE = 1023  # of a camera whose images have 16 bit
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
+_DOUBT = 0.0  # evidence that something moved from which a load is looked for
+_LEAD = (
+    5.0  # natural logarithm of how much likelier a load must be than moved heads, or intact ones without it
+)
+_DOWN = np.array([0.0, 0.0, -1.0])  # vehicle frame
 
 
 def measure_wheel(
@@ -123,7 +129,7 @@ def _measure(
             "the points of the heads do not lie around one axis; check that the wheel stands in the "
             "measuring volume and that nothing else is in view",
         )
-    return _evaluate(lines, matched, surface, rig, settings)
+    return _evaluate(lines, matched, pool, surface, rig, settings)
 
 
 def _lines(
@@ -209,6 +215,7 @@ def _full_scale_share(image: Image, lines: LightLines) -> float:
 def _evaluate(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
+    everything: PointPool,
     surface: WheelSurface,
     rig: PreparedRig,
     settings: MeasureSettings,
@@ -228,6 +235,15 @@ def _evaluate(
         )
     moves = head_moves(pool.points, pool.head, len(matched), fit)
     judgement = _judged(lines, matched, surface, moves, rms, rig)
+    loaded = None
+    if _doubtful(moves, numbers, rms, judgement, rig):
+        loaded = _loaded(everything, surface, rig)
+    if loaded is not None:
+        surface, rms = loaded.surface, loaded.noise
+        fit, pool = surface.fit, surface.points
+        numbers, weights, misfit = head_sums(pool.head, len(matched), fit.weights, fit.residuals)
+        moves = loaded.moves
+        judgement = _judged(lines, matched, surface, moves, rms, rig)
     wrong = _moved(moves, numbers, rms, judgement, rig)
     if wrong is not None:
         return wrong
@@ -242,6 +258,8 @@ def _evaluate(
     if judgement.knocked:
         return _knocked(judgement, rig)
     turn = _angles_by_normal(normal, rig.calibration) @ tilt_axes.T
+    if loaded is not None:
+        covariance = covariance + loaded.covariance
     noise = turn @ covariance @ turn.T
     common = rig.angle_covariance
     return WheelMeasurement(
@@ -259,7 +277,25 @@ def _evaluate(
         knock_evidence=judgement.evidence,
         warning=_warning(judgement, rig) if judgement.suspected else None,
         unseen=_unseen(judgement),
+        load_mm=None if loaded is None else loaded.lift_mm,
     )
+
+
+def _doubtful(moves: HeadMoves, numbers: Array, rms: float, judgement: Judgement, rig: PreparedRig) -> bool:
+    """Tell whether the heads disagree so much that a load may be what they see."""
+    return (judgement.evidence or 0.0) > _DOUBT or _moved(moves, numbers, rms, judgement, rig) is not None
+
+
+def _loaded(pool: PointPool, surface: WheelSurface, rig: PreparedRig) -> LoadedWheel | None:
+    """Take a load off the wheel, where that explains what the heads see better than a head that moved."""
+    down = rig.calibration.vehicle_from_rig.rotation.T @ _DOWN
+    model, amounts = rig.knock_model, MOVES * len(rig.heads)
+    knocks = [] if model is None else [knock.signs[:amounts] for knock in model.knocks]
+    known = None
+    if model is not None and rig.calibration.covariance is not None:
+        known = model.covariance[:amounts, :amounts]
+    loaded = carry(pool, surface, rig.image_axes, down, known, knocks)
+    return loaded if loaded is not None and loaded.lead > _LEAD else None
 
 
 def _judged(

@@ -265,6 +265,10 @@ class WheelMeasurement:
         (camber, toe), radians: by how much a movement of one camera or head since the calibration may change
         them at most and yet show in none of this shot's images (found with 95 % probability beyond); None
         where it was not judged. Not part of the uncertainty, which holds for the rig as calibrated.
+    load_mm
+        Most by which the weight that the tyre carries lifts or lowers its sidewall where the heads see it,
+        millimetres; it is taken off the plane, and what is not known of it is in the uncertainty. None where
+        the wheel shows no load.
     """
 
     camber: float
@@ -282,6 +286,7 @@ class WheelMeasurement:
     knock_evidence: float | None = None
     warning: str | None = None
     unseen: tuple[float, float] | None = None
+    load_mm: float | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

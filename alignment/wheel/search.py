@@ -22,7 +22,7 @@ from alignment.wheel.gloss import without_gloss
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
 
 _PLANE_GATE = 30.0  # mm; relief of a sidewall about its mean plane
-_SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
+SURFACE_GATE = 2.0  # mm; a ghost is farther than that from the fitted surface
 _SURE_SCALE = 1.5  # residuals in units of the image noise below which no other hypothesis needs a look
 _GOOD_SCALE = 3.0  # and above which something that is not a wheel spoils the fit; a ghost comes near it
 _FEW_OF_MEDIAN = 0.3  # of the weight that the points of the middle one of the heads have
@@ -94,11 +94,11 @@ def _fit_hypothesis(
     c = hypothesis.coefficients
     heights = pool.points[:, 2] - (c[0] + c[1] * pool.points[:, 0] + c[2] * pool.points[:, 1])
     chosen = nearest_candidates(heights, pool.group, _PLANE_GATE)
-    surface = _fit(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([*centre, c[0]]), axes)
+    surface = fit_chosen(pool, chosen, np.array([-c[1], -c[2], 1.0]), np.array([*centre, c[0]]), axes)
     # Near the plane's gate a neighbour may have been nearer to it than the true partner: choose again.
-    again = nearest_candidates(surface.fit.height(pool.points), pool.group, _SURFACE_GATE)
+    again = nearest_candidates(surface.fit.height(pool.points), pool.group, SURFACE_GATE)
     if np.count_nonzero(again & ~chosen) > 0.01 * np.count_nonzero(chosen):
-        surface = _fit(pool, again, surface.fit.normal, surface.fit.centre, axes)
+        surface = fit_chosen(pool, again, surface.fit.normal, surface.fit.centre, axes)
     return surface
 
 
@@ -129,10 +129,10 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
     for head in range(heads if heads > 1 else 0):
         chosen = surface.chosen & (pool.head != head)
         try:
-            other = _fit(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
+            other = fit_chosen(pool, chosen, surface.fit.normal, surface.fit.centre, axes)
             for _ in range(_ROUNDS):
-                chosen = nearest_candidates(other.fit.height(pool.points), pool.group, _SURFACE_GATE)
-                other = _fit(pool, chosen, other.fit.normal, other.fit.centre, axes)
+                chosen = nearest_candidates(other.fit.height(pool.points), pool.group, SURFACE_GATE)
+                other = fit_chosen(pool, chosen, other.fit.normal, other.fit.centre, axes)
                 if other.fit.scale < _GOOD_SCALE:
                     break
         except DegenerateInputError:
@@ -144,7 +144,8 @@ def _without_intruder(pool: PointPool, surface: WheelSurface, axes: Array) -> Wh
     return best
 
 
-def _fit(pool: PointPool, chosen: Mask, normal: Array, centre: Array, axes: Array) -> WheelSurface:
+def fit_chosen(pool: PointPool, chosen: Mask, normal: Array, centre: Array, axes: Array) -> WheelSurface:
+    """Fit the chosen candidates (N,) from start values of the normal and a point near the axis."""
     mine = without_gloss(pool.where(chosen), axes, normal, centre)
     fit = fit_revolution(
         mine.points, mine.sigma, mine.rays, mine.cluster, normal, centre, line=mine.line, spread=mine.spread

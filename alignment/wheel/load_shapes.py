@@ -1,0 +1,73 @@
+"""How a tyre's sidewall gives way around the contact patch: shapes over the angle from there.
+
+Two families, because neither stands for the other: the wave of a ring on an elastic foundation, which decays
+and swings back (e⁻ᵃ cos(a − φ), a = |θ| / w; Gough's beam and Böhm's ring model, in Pacejka, Tire and Vehicle
+Dynamics, ch. 9), and a Gaussian, which only decays. What they have in common besides is evenness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from alignment.arrays import Array
+
+_PHASE, _PHASE_DEVIATION = 0.25 * math.pi, 0.35  # the ring's own phase is 45°
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A family of even functions of the angle, with what is believed of its parameters beforehand.
+
+    Attributes
+    ----------
+    evaluate
+        Values (n,) at angles (n,) from the contact, radians, and their derivatives (p, n) by the parameters.
+    mean, deviation
+        (p,) of the parameters: the logarithm of the width in radians, then the phase of a wave.
+    """
+
+    evaluate: Callable[[Array, Array], tuple[Array, Array]]
+    mean: Array
+    deviation: Array
+
+
+def _gaussian(angle: Array, parameters: Array) -> tuple[Array, Array]:
+    ratio = np.square(angle / math.exp(parameters[0]))
+    value = np.exp(-0.5 * ratio)
+    return value, (ratio * value)[None]
+
+
+def _wave(angle: Array, parameters: Array) -> tuple[Array, Array]:
+    a = np.abs(angle) / math.exp(parameters[0])
+    fall, cosine, sine = np.exp(-a), np.cos(a - parameters[1]), np.sin(a - parameters[1])
+    return fall * cosine, np.stack([a * fall * (cosine + sine), fall * sine])
+
+
+def gaussian(width_deg: float, spread: float) -> Shape:
+    """Gaussian of a standard deviation of about `width_deg`, uncertain by a factor of e^±spread."""
+    return Shape(_gaussian, np.array([math.log(math.radians(width_deg))]), np.array([spread]))
+
+
+def wave(width_deg: float, spread: float) -> Shape:
+    """Wave whose angle of decay is about `width_deg`, uncertain by a factor of e^±spread."""
+    mean = np.array([math.log(math.radians(width_deg)), _PHASE])
+    return Shape(_wave, mean, np.array([spread, _PHASE_DEVIATION]))
+
+
+BULGES = (gaussian(24.0, 0.25), wave(25.0, 0.25))
+"""What the weight does: half widths of 18 to 38°."""
+
+_SIDE_WIDTHS = (36.0, 44.0, 54.0, 66.0)
+SIDE_SHIFTS = tuple(shape(width, 0.1) for width in _SIDE_WIDTHS for shape in (gaussian, wave))
+"""What a side force does; broader. One by one, because the fits of broad shapes have several minima."""
+
+
+def odd(angle: Array) -> Array:
+    """(n,) what a longitudinal force does, about the width of a bulge."""
+    ratio = angle / math.radians(30.0)
+    out: Array = ratio * np.exp(-0.5 * np.square(ratio))
+    return out
