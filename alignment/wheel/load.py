@@ -1,8 +1,8 @@
 """The wheel under load: what the contact patch does to the sidewall is told from the axis, and taken off.
 
-Surface of revolution and load are found in turn: the heights that the surface leaves, and the load so far, tell
-the load and the turn of the axis together (`load_model`); without that load the surface is fitted again. Both
-settle where the joint problem has its solution.
+Surface of revolution and load are found in turn: the heights that the surface leaves, and the load so far,
+tell the load and the turn of the axis together (`load_model`); without that load the surface is fitted again.
+Both settle where the joint problem has its solution.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ The height of a cell above the surface of revolution is
 with a bulge, a side shift and a small odd part, each an angular shape of its own about the contact and a free
 radial profile (Gaussian process on a spline). Shapes enter through their parameters, to first order about the
 best ones. Each hypothesis gives the turn of the axis, its covariance and its evidence (Laplace's method;
-MacKay, Information Theory, Inference, and Learning Algorithms, ch. 27 and 28); they are averaged by it, so that
-what the heads cannot tell apart makes the covariance larger.
+MacKay, Information Theory, Inference, and Learning Algorithms, ch. 27 and 28); they are averaged by it, so
+that what the heads cannot tell apart makes the covariance larger.
 """
 
 from __future__ import annotations
@@ -235,7 +235,7 @@ def _precision(knots: Array, envelope: Array, length: float) -> Array:
     """(K, K) inverse covariance of a Gaussian process at the knots."""
     apart = (knots[:, None] - knots) / length
     process = np.exp(-0.5 * np.square(apart)) + 1e-4 * np.eye(len(knots))
-    out: Array = np.linalg.inv(np.outer(envelope, envelope) * process)
+    out: Array = np.asarray(np.linalg.inv(np.outer(envelope, envelope) * process), np.float64)
     return out
 
 
@@ -247,7 +247,7 @@ def _without_load(problem: _Problem) -> tuple[float, Array]:
     evidence = -0.5 * float(y @ y - (n.T @ y) @ solution) - 0.5 * float(
         np.linalg.slogdet(matrix)[1] - np.log(problem.prior).sum()
     )
-    covariance: Array = np.linalg.inv(matrix)[:2, :2]
+    covariance: Array = np.asarray(np.linalg.inv(matrix), np.float64)[:2, :2]
     return evidence, covariance
 
 
@@ -300,7 +300,7 @@ class _HypothesisFit:
         right[begin:] += np.concatenate(pulls)
         self._design, self._prior, self._begin = design, prior, begin
         self._matrix = design.T @ design + prior
-        self._inverse: Array = np.linalg.inv(self._matrix)
+        self._inverse: Array = np.asarray(np.linalg.inv(self._matrix), np.float64)
         self._solution: Array = self._inverse @ right
         self._radial = [
             self._solution[first + k * count : first + (k + 1) * count] for k in range(len(self._sizes))
