@@ -223,6 +223,23 @@ class HeadQuality:
 
 
 @dataclass(frozen=True, eq=False)
+class WheelReference:
+    """The place of a wheel: where its axis meets the plane of the outermost ring of the sidewall.
+
+    Attributes
+    ----------
+    point
+        (3,) rig frame, millimetres.
+    covariance
+        (5, 5) joint covariance of camber and toe (radians) and of the point along the axes of the vehicle
+        frame (millimetres): images, cameras, and the pose of the rig where a gauge measured it.
+    """
+
+    point: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
 class WheelMeasurement:
     """The tyre plane of one exposure.
 
@@ -269,6 +286,9 @@ class WheelMeasurement:
         Most by which the weight that the tyre carries lifts or lowers its sidewall where the heads see it,
         millimetres; it is taken off the plane, and what is not known of it is in the uncertainty. None where
         the wheel shows no load.
+    reference
+        The wheel's place; None where the outermost ring of its sidewall was not seen, or the method does not
+        fit the profile of the sidewall.
     """
 
     camber: float
@@ -287,6 +307,7 @@ class WheelMeasurement:
     warning: str | None = None
     unseen: tuple[float, float] | None = None
     load_mm: float | None = None
+    reference: WheelReference | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

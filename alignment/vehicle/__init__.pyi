@@ -6,3 +6,16 @@ from .axles import VehicleAngles as VehicleAngles
 from .axles import WheelAngles as WheelAngles
 from .axles import axle_angles as axle_angles
 from .axles import vehicle_angles as vehicle_angles
+from .geometry import COMPONENTS as COMPONENTS
+from .geometry import LENGTHS as LENGTHS
+from .geometry import MEASURED as MEASURED
+from .geometry import TEMPERATURE as TEMPERATURE
+from .geometry import TYRE_WIDTH as TYRE_WIDTH
+from .geometry import VehicleGeometry as VehicleGeometry
+from .geometry import vehicle_geometry as vehicle_geometry
+from .quantities import EndPoints as EndPoints
+from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
+from .wheel_axes import STEEL_PER_K as STEEL_PER_K
+from .wheel_axes import Stand as Stand
+from .wheel_axes import TyreWidths as TyreWidths
+from .wheel_axes import WheelAxis as WheelAxis
