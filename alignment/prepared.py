@@ -9,7 +9,7 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.calibration.knocks import KnockModel, knock_model
-from alignment.calibration.prediction import angle_covariance, predicted_misfits
+from alignment.calibration.prediction import axis_covariance, predicted_misfits
 from alignment.errors import DegenerateInputError
 from alignment.stereo.correspondence import StereoGeometry
 from alignment.stereo.overlap import shared_views
@@ -104,7 +104,16 @@ class PreparedRig:
         The share of a calibration hardly depends on the wheel. None where it states no covariance; raises
         DegenerateInputError where its heads do not see the nominal wheel.
         """
-        return None if self.calibration.covariance is None else angle_covariance(self.calibration)
+        return None if self.axis_covariance is None else self.axis_covariance[:2, :2]
+
+    @cached_property
+    def axis_covariance(self) -> Array | None:
+        """(5, 5) covariance of camber, toe and the wheel's reference point as `prediction.axis_covariance`.
+
+        Of angles in radians and of a point in the vehicle frame in millimetres; otherwise as
+        `angle_covariance`.
+        """
+        return None if self.calibration.covariance is None else axis_covariance(self.calibration)
 
     @cached_property
     def worst_misfit(self) -> float:

@@ -48,9 +48,13 @@ class NominalWheel:
         """Slope dz/dρ (N,) at radii (N,)."""
         return -4.0 * self.crown_mm * self._place(radius) / (self.outer_mm - self.inner_mm)
 
+    @property
+    def ring_mm(self) -> float:
+        """Radius of the ring that stands out farthest."""
+        return 0.5 * (self.inner_mm + self.outer_mm)
+
     def _place(self, radius: Array) -> Array:
-        middle = 0.5 * (self.inner_mm + self.outer_mm)
-        return (radius - middle) / (0.5 * (self.outer_mm - self.inner_mm))
+        return (radius - self.ring_mm) / (0.5 * (self.outer_mm - self.inner_mm))
 
 
 def predict_angle_uncertainty(
@@ -78,27 +82,48 @@ def angle_covariance(calibration: RigCalibration, wheel: NominalWheel | None = N
 
 
 def angle_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
-    """(2, P) change of measured (camber, toe) per change of each parameter of `parameter_names`.
+    """(2, P) change of measured (camber, toe): the first rows of `axis_sensitivity`, which says how."""
+    return axis_sensitivity(calibration, wheel)[:2]
+
+
+def axis_covariance(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
+    """(5, 5) covariance of camber, toe (radians) and the reference point in the vehicle frame (millimetres),
+    from the calibration; errors as `predict_angle_uncertainty`."""
+    sensitivity = axis_sensitivity(calibration, wheel)
+    out: Array = sensitivity @ _covariance(calibration) @ sensitivity.T
+    return out
+
+
+def axis_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:
+    """(5, P) change of measured camber and toe and of the wheel's reference point, vehicle frame, per change
+    of each parameter of `parameter_names`.
 
     A wheel point is where the ray of a left pixel meets the right light line, so it moves along the left ray
     with the right camera's errors along the epipolar line, and with the left ray itself. To the points of all
-    heads a surface of revolution is fitted, its profile free.
+    heads a surface of revolution is fitted, its profile free. The reference point of the nominal wheel, where
+    its axis meets the plane of the ring that stands out farthest, is the rig's origin.
 
     Raises
     ------
     DegenerateInputError
         When a head does not see the wheel.
     """
-    _, _, _, solution = _response(calibration, wheel or NominalWheel())
+    wheel = wheel or NominalWheel()
+    _, _, design, solution = _response(calibration, wheel)
     size = len(calibration.parameter_names)
+    ring = int(np.abs(np.hypot(design[:, 0], design[:, 1]) - wheel.ring_mm).argmin())
     normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
+    point_change = np.vstack([solution[2:4], design[ring, 4:] @ solution[4:]])
     if calibration.vehicle_from_rig_measured:
         # A turn ω of the rig takes its z axis to ω × z.
         normal_change[:, -6:-3] = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     turn = calibration.vehicle_from_rig.rotation
     nominal = turn @ np.array([0.0, 0.0, 1.0])
-    out: Array = camber_toe_jacobian(nominal, calibration.side) @ turn @ normal_change
-    return out
+    of_angles = camber_toe_jacobian(nominal, calibration.side) @ turn @ normal_change
+    of_point = turn @ point_change
+    if calibration.vehicle_from_rig_measured:
+        of_point[:, -3:] = np.eye(3)
+    return np.vstack([of_angles, of_point])
 
 
 def predicted_misfits(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:

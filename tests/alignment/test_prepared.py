@@ -88,7 +88,7 @@ def test_a_prepared_rig_measures_as_its_calibration_does(lost: bool) -> None:
 def computed(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """How often each part of a rig was computed."""
     numbers: Counter[str] = Counter()
-    names = "epipolar_directions", "shared_views", "angle_covariance", "predicted_misfits", "knock_model"
+    names = "epipolar_directions", "shared_views", "axis_covariance", "predicted_misfits", "knock_model"
     for name in names:
 
         def count(*given: object, name: str = name, of: object = getattr(prepared, name)) -> object:
@@ -127,7 +127,7 @@ def test_a_rig_without_its_lost_head_is_prepared_once(computed: Counter[str]) ->
         "shared_views": 2,
         "StereoGeometry": 1,
         "RowViews": 1,
-        "angle_covariance": 1,
+        "axis_covariance": 1,
         "predicted_misfits": 1,
         "knock_model": 1,
     }

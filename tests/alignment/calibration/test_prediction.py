@@ -9,6 +9,8 @@ from alignment.calibration.prediction import (
     NominalWheel,
     angle_covariance,
     angle_sensitivity,
+    axis_covariance,
+    axis_sensitivity,
     point_covariance,
     predict_angle_uncertainty,
     predicted_misfits,
@@ -19,8 +21,10 @@ from alignment.geometry.cameras import PosedCamera
 from alignment.stereo.triangulation import triangulate
 from alignment.values import HeadCalibration, RigCalibration, Side
 from alignment.vehicle.angles import camber_toe
+from alignment.wheel.reference import wheel_reference
+from alignment.wheel.revolution import fit_revolution
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from station.studies.covariance import measured_angles, repeat_calibrations
+from station.studies.covariance import line_points, measured_angles, repeat_calibrations
 from station.studies.simulated_views import STAGES, observe, square_plate
 
 
@@ -68,6 +72,67 @@ def test_sensitivity_is_what_a_wheel_fit_does_when_a_camera_changes(side: Side) 
         np.testing.assert_allclose(
             moved, sensitivity @ change, rtol=0.1, atol=0.1 * np.abs(moved).max() + 1e-9
         )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_place_of_a_wheel_moves_as_predicted_when_a_camera_changes(side: Side) -> None:
+    calibration, wheel = rig(side), NominalWheel()
+    sensitivity = axis_sensitivity(calibration, wheel)
+    seen = [
+        (head.left.project(points), head.right.project(points))
+        for head, points in ((head, wheel_points(head, wheel)) for head in calibration.heads)
+    ]
+    before = measured_place(calibration, seen)
+    assert before == pytest.approx(np.zeros(3), abs=0.02)
+    for name, step in (
+        ("head_1.left.rx", 1e-5),
+        ("head_1.right.ry", 1e-5),
+        ("head_2.right.cz_mm", 0.01),
+        ("head_3.left.fx", 0.1),
+        ("head_2.left.cx_mm", 0.01),
+    ):
+        change = np.zeros(len(calibration.parameter_names))
+        change[calibration.parameter_names.index(name)] = step
+        moved = measured_place(perturbed(calibration, change), seen) - before
+        np.testing.assert_allclose(
+            moved, sensitivity[2:] @ change, rtol=0.1, atol=0.1 * np.abs(moved).max() + 1e-5
+        )
+
+
+def measured_place(calibration: RigCalibration, seen: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Reference point in the vehicle frame of the wheel whose points each head saw at these pixels."""
+    points = np.concatenate(
+        [line_points(head, *pixels) for head, pixels in zip(calibration.heads, seen, strict=True)]
+    )
+    down = np.tile([0.0, 0.0, -1.0], (len(points), 1))
+    # Few points: a profile as free as the predicted one, and none of them an outlier.
+    fit = fit_revolution(
+        points,
+        np.full(len(points), 0.02),
+        down,
+        np.arange(len(points)),
+        -down[0],
+        np.zeros(3),
+        knot_step=2.0,
+        scale_floor=100.0,
+    )
+    found = wheel_reference(fit, points, calibration, None)
+    assert found is not None
+    return calibration.vehicle_from_rig.apply(found.point)
+
+
+def test_place_of_the_rig_is_in_the_place_of_the_wheel() -> None:
+    """The gauge frame's certificate is in it as it stands, with what it has in common with the angles."""
+    calibration = with_measured_pose(rig())
+    names = calibration.parameter_names
+    covariance = np.zeros((len(names), len(names)))
+    pose = np.diag([1e-5, 1e-5, 1e-5, 0.01, 0.02, 0.03])
+    pose[1, 3] = 0.004
+    covariance[-6:, -6:] = pose @ pose.T
+    found = axis_covariance(replace(calibration, covariance=covariance))
+    assert found[2:, 2:] == pytest.approx(covariance[-3:, -3:])
+    assert found[:2, :2] == pytest.approx(angle_covariance(replace(calibration, covariance=covariance)))
+    assert np.abs(found[1, 2]) > 0.3 * np.sqrt(found[1, 1] * found[2, 2])
 
 
 def with_measured_pose(calibration: RigCalibration) -> RigCalibration:
