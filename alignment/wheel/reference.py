@@ -159,8 +159,8 @@ def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
     rows = np.hstack([seen.across, (slope / seen.radius)[:, None] * seen.across])
     size = len(fit.profile) - 3
     weight = np.bincount(seen.interval, seen.weight, size)
-    mean = np.stack([np.bincount(seen.interval, seen.weight * row, size) for row in rows.T], axis=1)
-    mean /= np.maximum(weight, 1e-12)[:, None]
+    total = np.stack([np.bincount(seen.interval, seen.weight * row, size) for row in rows.T], axis=1)
+    mean = total / np.maximum(weight, 1e-12)[:, None]
     free = rows - mean[seen.interval]
     inverse = np.linalg.pinv((seen.weight * free.T) @ free)
     scale = float(np.trace(fit.covariance) / np.trace(inverse[:2, :2]))

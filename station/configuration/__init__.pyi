@@ -1,4 +1,5 @@
 from .environment import damaged_package as damaged_package
+from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
 from .places import default_config as default_config
 from .places import own_config as own_config
@@ -9,6 +10,7 @@ from .settings import CameraOptions as CameraOptions
 from .settings import Configuration as Configuration
 from .settings import CycleSettings as CycleSettings
 from .settings import DatabaseSettings as DatabaseSettings
+from .settings import StandOptions as StandOptions
 from .settings import StationConfig as StationConfig
 from .settings import read_configuration as read_configuration
 from .settings import station_model as station_model

@@ -1,4 +1,4 @@
-"""The limits of an angle."""
+"""The limits of an angle or a length."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from alignment.errors import DegenerateInputError
 
 @dataclass(frozen=True)
 class Limits:
-    """Lowest and highest accepted value, radians, both accepted themselves."""
+    """Lowest and highest accepted value, radians or millimetres, both accepted themselves."""
 
     low: float
     high: float

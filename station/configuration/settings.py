@@ -15,6 +15,7 @@ from pydantic import Field, create_model, field_validator, model_validator
 from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
 from alignment.values import MeasureSettings
+from alignment.vehicle import Stand
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
@@ -231,6 +232,50 @@ class MeasureOptions(StrictModel):
         )
 
 
+class StandOptions(StrictModel):
+    """The stand as a frame of its rigs, and what toe and thrust angle refer to."""
+
+    reference: Literal["vehicle", "stand"] | None = Field(
+        default=None,
+        description="What toe and thrust angle refer to: the vehicle's own centreline, or the stand's axis"
+        " where a stand clamps the vehicle. Without it: the vehicle where a gauge frame placed the rigs of"
+        " all four wheels, else the stand",
+    )
+    road_z_mm: float | None = Field(
+        default=None,
+        ge=-2000,
+        le=2000,
+        description="Height of the wheel supports in the gauge frame's vehicle frame, millimetres; with it"
+        " and the tyres' widths lengths are between contact centres, else between wheel centres",
+    )
+    temperature_sigma_k: float = Field(
+        default=2.0,
+        ge=0,
+        le=30,
+        description="How far the stand's temperature may be from that at which its rigs were placed, one"
+        " standard deviation, kelvin; it is part of the uncertainty of lengths",
+    )
+    gradient_sigma_k_per_m: float = Field(
+        default=0.2,
+        ge=0,
+        le=10,
+        description="How unevenly warm the stand may have become, one standard deviation along each axis,"
+        " kelvin per metre; it is part of the uncertainty of toe",
+    )
+    expansion_ppm_per_k: float = Field(
+        default=12.0, ge=0, le=40, description="Expansion of the stand's frame per kelvin, millionths"
+    )
+
+    def stand(self) -> Stand:
+        """Return the value that the mathematics uses."""
+        return Stand(
+            self.road_z_mm,
+            self.temperature_sigma_k,
+            self.gradient_sigma_k_per_m,
+            1e-6 * self.expansion_ppm_per_k,
+        )
+
+
 class ZeroOptions(StrictModel):
     """What is believed of a zero measurement."""
 
@@ -254,6 +299,9 @@ class StationConfig(StrictModel):
     cycle: CycleSettings = Field(default=CycleSettings(), description="Bounds of one measuring cycle")
     cameras: CameraOptions = Field(default=CameraOptions(), description="What every camera is told")
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
+    stand: StandOptions = Field(
+        default=StandOptions(), description="The frame of the rigs, and what toe refers to"
+    )
     zero: ZeroOptions = Field(default=ZeroOptions(), description="What is believed of a zero measurement")
     rigs: tuple[RigSettings, ...] = Field(
         min_length=1, max_length=MOST_RIGS, description="One per wheel position"

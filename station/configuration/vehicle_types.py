@@ -10,13 +10,23 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
+from alignment.vehicle import TyreWidths
 from sensors.formats import StrictModel, entries
+from station.configuration.lengths import LengthTolerances
 from station.configuration.limits import Limits
 from station.configuration.toml import read_toml
 
 LARGEST_DEG = 10.0
-WIDEST_DEG = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}
+WIDEST_DEG = {
+    "camber": 3.0,
+    "toe": 1.0,
+    "total_toe": 2.0,
+    "camber_difference": 3.0,
+    "thrust_angle": 1.0,
+    "yaw": 3.0,
+}
 """Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
+TyreWidth = Annotated[float, Field(ge=80, le=500)]
 _Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]+$")]
 AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
@@ -84,11 +94,16 @@ class AxleTolerances(StrictModel):
     camber_difference: Tolerance | None = Field(
         default=None, description="Left minus right camber; not judged without"
     )
+    tyre_width_mm: TyreWidth | None = Field(
+        default=None,
+        description="Section width of this axle's tyres, where it is not the vehicle's, millimetres",
+    )
 
     @model_validator(mode="after")
     def _are_believable(self) -> AxleTolerances:
         for name in type(self).model_fields:
-            _check_width(name, getattr(self, name))
+            if name in WIDEST_DEG:
+                _check_width(name, getattr(self, name))
         return self
 
 
@@ -111,10 +126,53 @@ class VehicleType(StrictModel):
         default=None, description="Direction in which the rear axle rolls; not judged without"
     )
 
+    yaw: Tolerance | None = Field(
+        default=None,
+        description="How far the vehicle may be turned on the stand, positive to the left; not judged"
+        " without, nor where the rigs stand in no common frame",
+    )
+    lengths: LengthTolerances = Field(
+        default=LengthTolerances(),
+        description="Wheelbase, track, setback, offsets; not judged where the rigs stand in no common frame",
+    )
+    tyre_width_mm: TyreWidth | None = Field(
+        default=None,
+        description="Section width of the tyres, from sidewall to sidewall without letters, millimetres; with"
+        " it lengths are measured between contact centres, without it between sidewalls",
+    )
+    tyre_width_sigma_mm: float = Field(
+        default=0.5,
+        ge=0,
+        le=5,
+        description="Spread of single tyres about their width, one standard deviation, millimetres; it is in"
+        " the uncertainty of individual toe and thrust angle",
+    )
+
     @model_validator(mode="after")
-    def _thrust_is_believable(self) -> VehicleType:
+    def _angles_are_believable(self) -> VehicleType:
         _check_width("thrust_angle", self.thrust_angle)
+        _check_width("yaw", self.yaw)
+        judged = [*self.lengths.stated, *([] if self.yaw is None else ["yaw"])]
+        if judged and self.thrust_angle is None:
+            # Record and line have one verdict of the vehicle, which rests on the thrust angle's limits.
+            raise DegenerateInputError(
+                field="thrust_angle",
+                expected=f"limits, because {', '.join(judged)} has some: they are one verdict of the vehicle",
+                seen="none",
+            )
         return self
+
+    def tyre_widths(self) -> TyreWidths:
+        """Return the widths as the mathematics takes them."""
+        front, rear = (
+            None if axle is None or axle.tyre_width_mm is None else axle.tyre_width_mm
+            for axle in (self.axles.get("front"), self.axles.get("rear"))
+        )
+        return TyreWidths(
+            self.tyre_width_mm if front is None else front,
+            self.tyre_width_mm if rear is None else rear,
+            self.tyre_width_sigma_mm,
+        )
 
 
 def read_vehicle_type(path: Path) -> VehicleType:

@@ -1,4 +1,5 @@
 from .coalesced import Coalesced as Coalesced
+from .frame import CommonFrame as CommonFrame
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
 from .measuring import MeasuringCycle as MeasuringCycle

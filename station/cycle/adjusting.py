@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from alignment.errors import TruewheelError
+from station.cycle.frame import CommonFrame
 from station.cycle.judging import evaluate
 from station.cycle.positions import WheelPosition, WheelResult, fault
 from station.cycle.under_way import CycleUnderWay
@@ -48,6 +49,9 @@ class Adjusting:
         Monotonic seconds, the line's.
     last_s
         Longest wait for the last shots.
+    frame
+        Common frame of the rigs. Where toes refer to the vehicle, a wheel is shown as soon as all four were
+        seen: the others as they were last tell where its centreline is.
 
     Attributes
     ----------
@@ -64,8 +68,11 @@ class Adjusting:
         line: LiveLine,
         clock: Callable[[], float],
         last_s: float,
+        frame: CommonFrame | None = None,
     ) -> None:
         self._threads = threads
+        self._frame = frame
+        self._seen: dict[str, WheelResult] = {}
         assert cycle.kind is not None
         self._zeros, self._kind = cycle.zeros, cycle.kind
         self._coverage_factor = coverage_factor
@@ -122,8 +129,14 @@ class Adjusting:
     def _live(self, result: WheelResult) -> LiveAngles:
         shot = self._shots[result.wheel]
         found = result.measurement
-        judged = evaluate(self._kind, [result], self._coverage_factor).wheels[0]
+        if found is not None:
+            self._seen[result.wheel] = result.without_images()
+        # Lengths and other wheels say nothing of whether this one is good.
+        results = [*(self._seen | {result.wheel: result}).values()]
+        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame)
+        judged = next(wheel for wheel in evaluation.wheels if wheel.result is result)
         state = _STATES.get(combined(judged.angles))
-        if found is None or state is None:
+        if judged.values is None or state is None:
             return LiveAngles(result.wheel, LiveState.NOT_MEASURED, shot)
-        return LiveAngles(result.wheel, state, shot, math.degrees(found.camber), math.degrees(found.toe))
+        camber, toe = math.degrees(judged.values.camber), math.degrees(judged.values.toe)
+        return LiveAngles(result.wheel, state, shot, camber, toe)

@@ -61,7 +61,7 @@ def vehicle_record(evaluation: Evaluation) -> VehicleAnglesRecord | None:
         thrust_sign=values.thrust_sign,
         front_toe_left_to_thrust=values.front_toe_left_to_thrust,
         front_toe_right_to_thrust=values.front_toe_right_to_thrust,
-        verdict=vehicle.thrust_angle.status.verdict,
+        verdict=combined(vehicle.angles).verdict,
         thrust_angle_low=_low(vehicle.thrust_angle),
         thrust_angle_high=_high(vehicle.thrust_angle),
         guard_band=evaluation.guard_band,
@@ -77,6 +77,7 @@ def last_measured(evaluation: Evaluation) -> datetime | None:
 
 def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
     result, found, failure = wheel.result, wheel.result.measurement, wheel.result.failure
+    values = wheel.values
     unseen = (None, None) if found is None or found.unseen is None else found.unseen
     return WheelRecord(
         wheel=result.wheel,
@@ -84,10 +85,10 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         verdict=combined(wheel.angles).verdict,
         measured_utc=result.measured_utc,
         device_time_s=result.device_time_s,
-        camber=None if found is None else float(found.camber),
-        toe=None if found is None else float(found.toe),
-        camber_u=None if found is None else found.camber_u,
-        toe_u=None if found is None else found.toe_u,
+        camber=None if values is None else float(values.camber),
+        toe=None if values is None else float(values.toe),
+        camber_u=None if values is None else values.camber_u,
+        toe_u=None if values is None else values.toe_u,
         coverage_factor=evaluation.coverage_factor,
         method=None if found is None else found.method,
         calibration_id=result.calibration_id,
@@ -106,11 +107,22 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         if found is None
         else max((h.row_px for h in found.heads if h.row_px is not None), default=None),
         knock_evidence=None if found is None else found.knock_evidence,
-        warning=None if found is None else found.warning,
+        warning=_warning(wheel, evaluation),
         camber_unseen=unseen[0],
         toe_unseen=unseen[1],
         degraded=None if found is None else bool(found.degraded),
     )
+
+
+def _warning(wheel: JudgedWheel, evaluation: Evaluation) -> str | None:
+    """What is suspect of a wheel, and that its toe refers to the stand where the vehicle is not known."""
+    found = wheel.result.measurement
+    if found is None:
+        return None
+    said = [] if found.warning is None else [found.warning]
+    if evaluation.reference == "vehicle" and wheel.toe.value is None:
+        said.append("its toe is against the stand's axis and not judged: the vehicle's own is not known")
+    return "; ".join(said) or None
 
 
 class Standing(enum.Enum):

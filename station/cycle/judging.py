@@ -2,27 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from alignment.values import SIDES
 from alignment.vehicle import (
+    FOUR_WHEELS,
+    LENGTHS,
     AxleAngles,
     VehicleAngles,
+    VehicleGeometry,
     WheelAngles,
     axle_angles,
     vehicle_angles,
 )
-from station.configuration import Tolerance, VehicleType
+from station.configuration import LengthTolerance, Tolerance, VehicleType
+from station.cycle.frame import CommonFrame, Reference, geometry_of, whole_vehicle
 from station.cycle.positions import Failure, WheelResult
-from station.cycle.verdict import Angle
+from station.cycle.verdict import Angle, Status
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedWheel:
-    """One wheel with its two angles."""
+    """One wheel with its two angles.
+
+    Attributes
+    ----------
+    values
+        Its angles and their uncertainties: toe against the vehicle's centreline where that is what toes refer
+        to and `toe` has a value, else against the stand's axis; None when it was not measured.
+    toe
+        Unset where it refers to a vehicle that was not wholly measured.
+    """
 
     result: WheelResult
+    values: WheelAngles | None
     camber: Angle
     toe: Angle
 
@@ -49,15 +64,25 @@ class JudgedAxle:
 
 @dataclass(frozen=True)
 class JudgedVehicle:
-    """The angles that need all four wheels; `values` is None when one of them was not measured."""
+    """What needs all four wheels; `values` is None when one of them was not measured.
+
+    Attributes
+    ----------
+    geometry
+        Everything that the axes of its wheels say; None also where the rigs stand in no common frame.
+    lengths
+        Those lengths, and the yaw, for which the vehicle type has limits; empty without a common frame.
+    """
 
     values: VehicleAngles | None
     thrust_angle: Angle
+    geometry: VehicleGeometry | None = None
+    lengths: tuple[Angle, ...] = ()
 
     @property
     def angles(self) -> tuple[Angle, ...]:
-        """The thrust angle."""
-        return (self.thrust_angle,)
+        """The thrust angle, and the lengths that are judged."""
+        return (self.thrust_angle, *self.lengths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +99,10 @@ class Evaluation:
         None unless all four wheels of front and rear axle were asked for.
     coverage_factor
         k of the expanded uncertainties.
+    reference
+        What individual toe and thrust angle refer to.
+    problem
+        Why the wheels make no vehicle, in words; None where they do, and where nobody asked.
     """
 
     wheels: tuple[JudgedWheel, ...]
@@ -81,6 +110,8 @@ class Evaluation:
     vehicle: JudgedVehicle | None
     guard_band: bool
     coverage_factor: float
+    reference: Reference = "stand"
+    problem: str | None = None
 
     @property
     def angles(self) -> Iterator[Angle]:
@@ -105,7 +136,12 @@ def axle_of(wheel: str) -> str:
     return wheel.rpartition("_")[0]
 
 
-def evaluate(kind: VehicleType, results: Sequence[WheelResult], coverage_factor: float) -> Evaluation:
+def evaluate(
+    kind: VehicleType,
+    results: Sequence[WheelResult],
+    coverage_factor: float,
+    frame: CommonFrame | None = None,
+) -> Evaluation:
     """Judge the results of a cycle.
 
     Parameters
@@ -116,8 +152,12 @@ def evaluate(kind: VehicleType, results: Sequence[WheelResult], coverage_factor:
         One for each wheel that was asked for.
     coverage_factor
         k of the expanded uncertainty.
+    frame
+        Common frame of the rigs, and what toes refer to; None where there is none: they refer to the stand.
     """
-    judge = _Judge(kind, {result.wheel: result for result in results}, coverage_factor)
+    by_name = {result.wheel: result for result in results}
+    geometry, problem = geometry_of(frame, kind, by_name, coverage_factor)
+    judge = _Judge(kind, by_name, coverage_factor, frame, geometry)
     wheels = tuple(judge.wheel(result) for result in results)
     axles = tuple(
         judge.axle(axle)
@@ -125,7 +165,34 @@ def evaluate(kind: VehicleType, results: Sequence[WheelResult], coverage_factor:
         if all(f"{axle}_{side}" in judge.results for side in SIDES)
     )
     whole = {"front", "rear"} <= {axle.name for axle in axles}
-    return Evaluation(wheels, axles, judge.vehicle() if whole else None, kind.guard_band, coverage_factor)
+    return Evaluation(
+        wheels,
+        axles,
+        judge.vehicle() if whole else None,
+        kind.guard_band,
+        coverage_factor,
+        judge.reference,
+        problem,
+    )
+
+
+def lengths_missed(evaluation: Evaluation) -> str | None:
+    """The sentence that says which lengths, or the yaw, are out of their limits; None when none is."""
+    vehicle = evaluation.vehicle
+    missed = [] if vehicle is None else [each for each in vehicle.lengths if each.status is Status.NOK]
+    return "; ".join(map(_in_words, missed)) or None
+
+
+def _in_words(angle: Angle) -> str:
+    assert angle.value is not None
+    assert angle.limits is not None
+    assert angle.expanded_uncertainty is not None
+    factor, unit = (1.0, " mm") if angle.name in LENGTHS else (math.degrees(1.0), "°")
+    value, u95, low, high = (
+        factor * each
+        for each in (angle.value, angle.expanded_uncertainty, angle.limits.low, angle.limits.high)
+    )
+    return f"{angle.name} is {value:.3f} ± {u95:.3f}{unit}, accepted are {low:g} to {high:g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -133,16 +200,31 @@ class _Judge:
     kind: VehicleType
     results: Mapping[str, WheelResult]
     k: float
+    frame: CommonFrame | None = None
+    geometry: VehicleGeometry | None = None
+
+    @property
+    def reference(self) -> Reference:
+        return "stand" if self.frame is None else self.frame.reference
+
+    @property
+    def own(self) -> VehicleGeometry | None:
+        """The vehicle, where toes refer to it and it is known."""
+        return self.geometry if self.reference == "vehicle" else None
 
     def wheel(self, result: WheelResult) -> JudgedWheel:
         tolerances = self.kind.axles[axle_of(result.wheel)]
         camber = self._declared(f"{result.wheel}.camber", tolerances.camber)
         toe = self._declared(f"{result.wheel}.toe", tolerances.toe)
-        found = result.measurement
-        if found is not None:
-            camber = self._set(camber, found.camber, found.camber_u, result.wheel)
-            toe = self._set(toe, found.toe, found.toe_u, result.wheel)
-        return JudgedWheel(result, camber, toe)
+        values = self._angles(result.wheel)
+        if values is not None:
+            camber = self._set(camber, values.camber, values.camber_u, result.wheel)
+            if self.reference == "stand":
+                toe = self._set(toe, values.toe, values.toe_u, result.wheel)
+            elif self.own is not None and result.wheel in FOUR_WHEELS:
+                # What the other wheels rest on is in the centreline.
+                toe = self._set(toe, values.toe, values.toe_u, *FOUR_WHEELS)
+        return JudgedWheel(result, values, camber, toe)
 
     def axle(self, axle: str) -> JudgedAxle:
         tolerances = self.kind.axles[axle]
@@ -152,7 +234,8 @@ class _Judge:
         left, right = map(self._angles, names)
         if left is None or right is None:
             return JudgedAxle(axle, None, total_toe, difference)
-        values = axle_angles(left, right)
+        known = self.own is not None and f"{axle}.total_toe" in self.own
+        values = self.own.axle(axle) if known and self.own is not None else axle_angles(left, right)
         return JudgedAxle(
             axle,
             values,
@@ -162,14 +245,37 @@ class _Judge:
 
     def vehicle(self) -> JudgedVehicle:
         thrust = self._declared("thrust_angle", self.kind.thrust_angle)
-        names = tuple(f"{axle}_{side}" for axle in ("front", "rear") for side in SIDES)
-        front_left, front_right, rear_left, rear_right = map(self._angles, names)
-        if front_left is None or front_right is None or rear_left is None or rear_right is None:
-            return JudgedVehicle(None, thrust)
-        values = vehicle_angles(front_left, front_right, rear_left, rear_right, self.kind.thrust_sign)
-        return JudgedVehicle(values, self._set(thrust, values.thrust_angle, values.thrust_angle_u, *names))
+        lengths = self._lengths()
+        values = self._vehicle_angles()
+        if values is None:
+            return JudgedVehicle(None, thrust, self.geometry, lengths)
+        thrust = self._set(thrust, values.thrust_angle, values.thrust_angle_u, *FOUR_WHEELS)
+        return JudgedVehicle(values, thrust, self.geometry, lengths)
 
-    def _declared(self, name: str, tolerance: Tolerance | None) -> Angle:
+    def _vehicle_angles(self) -> VehicleAngles | None:
+        if self.reference == "vehicle":
+            return None if self.own is None else self.own.angles
+        front_left, front_right, rear_left, rear_right = map(self._angles, FOUR_WHEELS)
+        if front_left is None or front_right is None or rear_left is None or rear_right is None:
+            return None
+        return vehicle_angles(front_left, front_right, rear_left, rear_right, self.kind.thrust_sign)
+
+    def _lengths(self) -> tuple[Angle, ...]:
+        """Judge lengths and yaw for which there are limits, of a vehicle that was asked for as a whole."""
+        if self.frame is None or not whole_vehicle(self.results):
+            return ()
+        limits: dict[str, LengthTolerance | Tolerance] = dict(self.kind.lengths.stated)
+        if self.kind.yaw is not None:
+            limits["yaw"] = self.kind.yaw
+        declared = [self._declared(name, tolerance) for name, tolerance in limits.items()]
+        if self.geometry is None:
+            return tuple(declared)
+        found = self.geometry
+        return tuple(
+            self._set(each, found.value(each.name), found.u(each.name), *FOUR_WHEELS) for each in declared
+        )
+
+    def _declared(self, name: str, tolerance: Tolerance | LengthTolerance | None) -> Angle:
         return Angle(name, None if tolerance is None else tolerance.limits(), self.kind.guard_band)
 
     def _set(self, angle: Angle, value: float, uncertainty: float, *wheels: str) -> Angle:
@@ -180,4 +286,8 @@ class _Judge:
         found = self.results[wheel].measurement
         if found is None:
             return None
-        return WheelAngles(found.camber, found.toe, found.camber_u, found.toe_u)
+        own = self.own
+        if own is None or f"{wheel}.toe" not in own:
+            return WheelAngles(found.camber, found.toe, found.camber_u, found.toe_u)
+        camber, toe = f"{wheel}.camber", f"{wheel}.toe"
+        return WheelAngles(own.value(camber), own.value(toe), own.u(camber), own.u(toe))

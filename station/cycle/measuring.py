@@ -21,8 +21,9 @@ from station.configuration import VehicleType
 from station.cycle.adjusting import Adjusting
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
+from station.cycle.frame import CommonFrame, frame_for, tells_toe
 from station.cycle.held import Closing, Held
-from station.cycle.judging import Evaluation, axle_of, evaluate
+from station.cycle.judging import Evaluation, axle_of, evaluate, lengths_missed
 from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
@@ -78,6 +79,8 @@ class MeasuringCycle:
         Where the mode calibrate records images; without it that mode is refused.
     threads
         Of others, to be looked after with its own.
+    frame
+        Of the rigs, when all stand in one, and what toes refer to.
     """
 
     def __init__(
@@ -94,8 +97,10 @@ class MeasuringCycle:
         now: Callable[[], datetime] = utc_now,
         image_folder: Path | None = None,
         threads: Sequence[Watched] = (),
+        frame: CommonFrame | None = None,
     ) -> None:
         self._identity = identity
+        self._frame = frame
         self._positions = {position.name: position for position in positions}
         self._vehicle_types = vehicle_types
         self._line = line
@@ -267,7 +272,8 @@ class MeasuringCycle:
         kind = self._vehicle_types.get(trigger.vehicle_type)
         if kind is None:
             return ErrorCode.UNKNOWN_VEHICLE_TYPE
-        if all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels):
+        known = all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels)
+        if known and tells_toe(frame_for(trigger.mode, self._frame), trigger.wheels):
             return None
         return ErrorCode.WHEEL_NOT_AVAILABLE
 
@@ -304,7 +310,14 @@ class MeasuringCycle:
         self._enter(StationState.ADJUSTING)
         deadline, last_s = self._clock() + self._bounds.adjust_s, self._bounds.measure_s
         with Adjusting(
-            self._wheel_threads, cycle, positions, self._coverage_factor, self._line, self._clock, last_s
+            self._wheel_threads,
+            cycle,
+            positions,
+            self._coverage_factor,
+            self._line,
+            self._clock,
+            last_s,
+            self._frame,
         ) as adjusting:
             while not cycle.interrupted:
                 adjusting.step(_POLL_S)
@@ -337,9 +350,12 @@ class MeasuringCycle:
     def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
         """Judge by the limits of the vehicle type, and make the record."""
         assert cycle.kind is not None
-        evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor)
+        frame = frame_for(cycle.trigger.mode, self._frame)
+        evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor, frame)
         self._poll(cycle)
         record, cycle.trouble = cycle_record(self._identity, cycle, evaluation)
+        if (why := lengths_missed(evaluation)) is not None:
+            self._note(Severity.WARNING, "geometry", why, cycle)
         return evaluation, record
 
     def _commit(self, cycle: CycleUnderWay, record: CycleRecord) -> None:

@@ -20,6 +20,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
+from alignment.vehicle import WheelAxis
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
@@ -141,6 +142,8 @@ class WheelResult:
         Of the measurement, without the images.
     zero_id
         The zero measurement that corrected the angles; None when there was none.
+    axis
+        The wheel in the frame of the stand; None where it was not measured, or its place is not known.
     """
 
     wheel: str
@@ -153,6 +156,7 @@ class WheelResult:
     duration_s: float | None = None
     zero_id: str | None = None
     shot: WheelShot | None = None
+    axis: WheelAxis | None = None
 
     def without_images(self) -> WheelResult:
         """Return the same, to be kept."""
@@ -176,6 +180,8 @@ class WheelPosition:
         Bound of the waiting for images, seconds.
     clock, now
         Monotonic seconds, and aware UTC time.
+    needs_place
+        Whether a wheel without a place is refused: the vehicle's own frame cannot be had without it.
     """
 
     def __init__(
@@ -187,8 +193,11 @@ class WheelPosition:
         shoot_timeout_s: float,
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], datetime] = utc_now,
+        *,
+        needs_place: bool = False,
     ) -> None:
         self.rig = rig
+        self._needs_place = needs_place
         self.in_force = in_force
         self._measure = measure
         self._settings = settings
@@ -254,6 +263,9 @@ class WheelPosition:
             duration_s=duration,
             zero_id=None if zero is None or measurement is None else zero.id,
             shot=shot,
+            axis=None
+            if measurement is None or measurement.reference is None
+            else WheelAxis.of(measurement, calibration),
         )
 
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:
@@ -286,6 +298,15 @@ class WheelPosition:
                 f"{self.name}: expected an expanded uncertainty of at most "
                 f"{math.degrees(LARGEST_UNCERTAINTY):g}°, found {math.degrees(expanded):.2f}°; clean the "
                 "tyre and the windows of the heads, and check the calibration",
+            )
+        if self._needs_place and found.reference is None:
+            return None, Failure(
+                WheelOutcome.REFUSED,
+                ErrorCode.MEASUREMENT_REFUSED,
+                "no_place",
+                f"{self.name}: expected to see the outermost ring of the sidewall, which gives the wheel its "
+                f"place in the vehicle, found none by '{found.method}'; check that the heads see the widest "
+                "part of the tyre, and that measure.method is 'revolution'",
             )
         return found, None
 

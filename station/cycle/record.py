@@ -38,7 +38,7 @@ def cycle_record(
         trouble = Trouble(failures[0].error_code, wheel)
     elif outcome is CycleOutcome.FAULT:
         trouble = Trouble(ErrorCode.CALIBRATION_FAULT)
-        code, text = str(trouble.code), "an angle has no valid calibration behind it"
+        code, text = str(trouble.code), evaluation.problem or "an angle has no valid calibration behind it"
     if outcome is CycleOutcome.ABORTED:
         code, text = "aborted", f"the line sent {cycle.interruption}"
         if isinstance(cycle.interruption, Abort) and cycle.interruption.reason is not ErrorCode.NONE:

@@ -1,4 +1,4 @@
-"""The verdict: each angle is declared with its limits, starts unset, gets its value later.
+"""The verdict: each angle or length is declared with its limits, starts unset, gets its value later.
 
 Nothing but a finite value with a positive uncertainty, measured with a valid calibration and inside its
 limits, is OK. An angle that nobody set is not a pass; a value that is no number is not a failed vehicle
@@ -38,19 +38,19 @@ class Status(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Angle:
-    """One angle of a wheel, an axle or a vehicle.
+    """One angle of a wheel, an axle or a vehicle, or one length of the vehicle.
 
     Attributes
     ----------
     name
-        Such as ``front_left.camber``.
+        Such as ``front_left.camber``; that of a length is one of `alignment.vehicle.LENGTHS`.
     limits
         None where the angle is reported but not judged.
     guard_band
         Whether the limits are narrowed by the expanded uncertainty before the comparison, so that a value is
         accepted only when it is proven to be inside (ISO 14253-1, proving conformance).
     value, expanded_uncertainty
-        Radians; None until measured.
+        Radians, of a length millimetres; None until measured.
     calibration_valid
         Whether the calibration behind the value is known and in force.
     """

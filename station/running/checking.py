@@ -13,6 +13,7 @@ from db.connection import parse_url
 from station.configuration import Configuration, read_configuration
 from station.line.wire import load_line_database, require_interface
 from station.running.cameras import check_rig
+from station.running.frame import check_frame
 
 
 def check_configuration(path: Path) -> tuple[Configuration | None, list[TruewheelError]]:
@@ -48,6 +49,7 @@ def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
             yield lambda field=field, name=name: _check_writable(configuration, field, name)  # type: ignore[misc]
     for index in range(len(settings.rigs)):
         yield partial(check_rig, configuration, index)
+    yield lambda: check_frame(configuration)
 
 
 def _check_database(configuration: Configuration) -> None:

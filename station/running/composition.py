@@ -16,9 +16,12 @@ from alignment.measure import measure_wheel
 from db.store import ResultStore
 from db.upkeep import BackgroundWork
 from sensors.drivers.driver import RigDriver
+from sensors.rig import Rig
 from station.configuration import Configuration, StationConfig
 from station.cycle import (
     Bounds,
+    CalibrationInForce,
+    CommonFrame,
     ErrorCode,
     Identity,
     MeasuringCycle,
@@ -32,6 +35,7 @@ from station.cycle import (
 from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
 from station.running.cameras import open_rig
+from station.running.frame import common_frame
 from station.store import ArchivingObserver, ImageArchive, describe_station, open_archive, open_store
 from station.warm_up import Work, warm_up
 
@@ -105,11 +109,14 @@ def open_station(
 
     with ExitStack() as stack:
         database = attempt(lambda: load_line_database(configuration.path(settings.line.dbc)))
-        positions = [attempt(partial(_position, configuration, k)) for k in range(len(settings.rigs))]
-        for position in positions:
-            if position is not None:
-                stack.callback(position.rig.close)
-                attempt(position.rig.connect)
+        opened = [attempt(partial(open_rig, configuration, k)) for k in range(len(settings.rigs))]
+        rigs = [each for each in opened if each is not None]
+        frame = None
+        if len(rigs) == len(opened):
+            frame = attempt(lambda: common_frame(configuration, [known.calibration for _, known in rigs]))
+        for rig, _ in rigs:
+            stack.callback(rig.close)
+            attempt(rig.connect)
         store = attempt(lambda: stack.enter_context(open_store(configuration)))
         bus = attempt(lambda: stack.enter_context(open_bus(bus_settings(configuration))))
         if failures:
@@ -117,7 +124,7 @@ def open_station(
         assert database is not None
         assert store is not None
         assert bus is not None
-        whole = tuple(position for position in positions if position is not None)
+        whole = tuple(_position(settings, rig, known, frame) for rig, known in rigs)
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         try:
             warm_up(works_of(configuration), stopping=stopping)
@@ -139,6 +146,7 @@ def open_station(
             _archiving(archive, observer or Observer()),
             image_folder=None if images is None else configuration.path(images),
             threads=[*line.threads, *([] if archive is None else [archive.thread])],
+            frame=frame,
         )
         stack.callback(cycle.close)
         cycle.start()
@@ -191,9 +199,14 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
     return SeveralErrors(f"the station cannot start, {len(failures)} parts failed", failures)
 
 
-def _position(configuration: Configuration, index: int) -> WheelPosition:
-    settings = configuration.settings
-    rig, calibration = open_rig(configuration, index)
+def _position(
+    settings: StationConfig, rig: Rig, known: CalibrationInForce, frame: CommonFrame | None
+) -> WheelPosition:
     return WheelPosition(
-        rig, calibration, measure_wheel, settings.measure.settings(), settings.cycle.shoot_timeout_s
+        rig,
+        known,
+        measure_wheel,
+        settings.measure.settings(),
+        settings.cycle.shoot_timeout_s,
+        needs_place=frame is not None and frame.reference == "vehicle",
     )

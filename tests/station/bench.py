@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -14,9 +14,11 @@ from uuid import UUID
 import numpy as np
 
 from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
-from alignment.values import MeasureSettings, Refusal, WheelMeasurement
+from alignment.geometry.transforms import RigidTransform
+from alignment.values import MeasureSettings, Refusal, Side, WheelMeasurement, nominal_vehicle_from_rig
 from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
 from station.configuration.vehicle_types import VehicleType
+from station.cycle.frame import CommonFrame
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, CycleReport, Identity
 from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
@@ -252,7 +254,11 @@ class Bench:
         image_folder: Path | None = None,
         store: Any = None,
         coverage_factor: float = 2.0,
+        frame: CommonFrame | None = None,
+        places: Mapping[str, tuple[float, float, float]] | None = None,
     ) -> None:
+        self._places = places or {}
+        self._needs_place = frame is not None and frame.reference == "vehicle"
         self.log: list[str] = []
         self.clock = Clock()
         self.today = TODAY
@@ -278,6 +284,7 @@ class Bench:
             clock=self.clock,
             now=lambda: self.today,
             image_folder=image_folder,
+            frame=frame,
         )
 
     def wheels_at_rest(self, timeout_s: float) -> bool:
@@ -301,9 +308,22 @@ class Bench:
 
     def _position(self, rig: FakeRig) -> WheelPosition:
         calibration = replace(sample_calibration(rig=rig.name, covariance=False), id=f"cal-{rig.name}")
+        if rig.name in self._places:
+            side: Side = "left" if rig.name.endswith("left") else "right"
+            pose = RigidTransform(nominal_vehicle_from_rig(side).rotation, np.array(self._places[rig.name]))
+            calibration = replace(calibration, side=side, vehicle_from_rig=pose)
         in_force = CalibrationInForce(calibration, datetime(2026, 3, 1, tzinfo=UTC), 30.0, {"id": "x"})
         measure: MeasureFunction = lambda images, known, settings: self._measure(known.calibration.rig)  # noqa: E731
-        return WheelPosition(rig, in_force, measure, MeasureSettings(), 1.0, self.clock, lambda: self.today)
+        return WheelPosition(
+            rig,
+            in_force,
+            measure,
+            MeasureSettings(),
+            1.0,
+            self.clock,
+            lambda: self.today,
+            needs_place=self._needs_place,
+        )
 
     def _measure(self, rig: str) -> WheelMeasurement | Refusal:
         if self.raises is not None:

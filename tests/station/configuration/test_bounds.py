@@ -21,6 +21,7 @@ from station.configuration.settings import (
     DatabaseSettings,
     LineSettings,
     MeasureOptions,
+    StandOptions,
     StationSettings,
     station_model,
 )
@@ -35,6 +36,7 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     CycleSettings: {},
     CameraOptions: {},
     MeasureOptions: {},
+    StandOptions: {},
     SimulatedOptions: {"seed": 1},
     RollerOptions: {},
     LoadOptions: {},
@@ -100,6 +102,10 @@ BOUNDS = (
     Bounds(MeasureOptions, "minimum_points", 300, 10, 9, 1_000_000, 1_000_001),
     Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 10.0, 10.001),
     Bounds(MeasureOptions, "coverage_factor", 2.0, 1.6, 1.599, 5.0, 5.001),
+    Bounds(StandOptions, "road_z_mm", None, -2000.0, -2000.1, 2000.0, 2000.1),
+    Bounds(StandOptions, "temperature_sigma_k", 2.0, 0.0, -JUST, 30.0, 30.001),
+    Bounds(StandOptions, "gradient_sigma_k_per_m", 0.2, 0.0, -JUST, 10.0, 10.001),
+    Bounds(StandOptions, "expansion_ppm_per_k", 12.0, 0.0, -JUST, 40.0, 40.001),
     Bounds(SimulatedOptions, "seed", 1, 0, -1, 4_294_967_295, 4_294_967_296),
     Bounds(SimulatedOptions, "camber_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
     Bounds(SimulatedOptions, "toe_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
@@ -129,6 +135,8 @@ BOUNDS = (
     sizes("edge_mm", 0.3, 20.0),
     Bounds(SimulationConfig, "ambient", 0.15, 0.0, -JUST, 10.0, 10.001),
     Bounds(VehicleType, "number", 1, 0, -1, 65_535, 65_536),
+    Bounds(VehicleType, "tyre_width_mm", None, 80.0, 79.9, 500.0, 500.1),
+    Bounds(VehicleType, "tyre_width_sigma_mm", 0.5, 0.0, -JUST, 5.0, 5.001),
 )
 
 
@@ -299,7 +307,14 @@ def test_no_number_is_open_to_one_side(model: type[BaseModel]) -> None:
     assert numbers_without_bounds({"title": "T", "properties": {"x": {"type": "number", "minimum": 0}}})
 
 
-WIDEST = {"camber": 3.0, "toe": 1.0, "total_toe": 2.0, "camber_difference": 3.0, "thrust_angle": 1.0}
+WIDEST = {
+    "camber": 3.0,
+    "toe": 1.0,
+    "total_toe": 2.0,
+    "camber_difference": 3.0,
+    "thrust_angle": 1.0,
+    "yaw": 3.0,
+}
 
 
 @pytest.mark.parametrize("name", WIDEST)
@@ -313,8 +328,8 @@ def test_limits_that_are_arcminutes_are_refused_with_what_they_are_in_degrees(
         good = {"lower_deg": -0.5, "upper_deg": 0.5}
         axle = {"camber": good, "toe": good}
         whole = {"number": 1, "name": "Car", "axles": {"front": axle}}
-        if name == "thrust_angle":
-            return VehicleType.model_validate(whole | {name: tolerance})
+        if name in ("thrust_angle", "yaw"):
+            return VehicleType.model_validate(whole | {"thrust_angle": good} | {name: tolerance})
         return VehicleType.model_validate(whole | {"axles": {"front": axle | {name: tolerance}}})
 
     widest = WIDEST[name]

@@ -367,7 +367,7 @@ def report(
     record: CycleRecord, committed_s: float | None, shots: Mapping[str, WheelShot | None]
 ) -> CycleReport:
     results = [WheelResult(name, "c", True, None, None, shot=shot) for name, shot in shots.items()]
-    wheels = tuple(JudgedWheel(result, Angle("camber", None), Angle("toe", None)) for result in results)
+    wheels = tuple(JudgedWheel(result, None, Angle("camber", None), Angle("toe", None)) for result in results)
     evaluation = Evaluation(wheels, (), None, guard_band=True, coverage_factor=2.0)
     trigger = Trigger(1, tuple(shots), 1, "V", 0.0)
     return CycleReport(trigger, record, evaluation, committed_s, None)

@@ -1,0 +1,74 @@
+"""The common frame of a station's rigs, and the vehicle that stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from alignment.errors import DegenerateInputError
+from alignment.vehicle import FOUR_WHEELS, Stand, VehicleGeometry, vehicle_geometry
+from station.configuration import VehicleType
+from station.cycle.positions import WheelResult
+from station.cycle.words import Mode
+
+Reference = Literal["vehicle", "stand"]
+"""What individual toe and thrust angle refer to: the vehicle's own centreline, or the stand's axis."""
+
+
+@dataclass(frozen=True)
+class CommonFrame:
+    """What a station knows of its rigs when all of them stand in one frame.
+
+    Attributes
+    ----------
+    stand
+        Its road, and how well its temperature is known.
+    reference
+        What individual toe and thrust angle refer to.
+    """
+
+    stand: Stand
+    reference: Reference
+
+
+def frame_for(mode: Mode, frame: CommonFrame | None) -> CommonFrame | None:
+    """Return the frame as it counts in a mode: master wheels are certified against the stand, one by one."""
+    if frame is None or mode is not Mode.MASTER_CHECK:
+        return frame
+    return CommonFrame(frame.stand, "stand")
+
+
+def tells_toe(frame: CommonFrame | None, wheels: tuple[str, ...]) -> bool:
+    """Whether these wheels have toes of their own: part of a vehicle has no centreline."""
+    return frame is None or frame.reference == "stand" or whole_vehicle(wheels)
+
+
+def whole_vehicle(wheels: Mapping[str, WheelResult] | tuple[str, ...]) -> bool:
+    """Whether these are the four wheels of a vehicle."""
+    return set(FOUR_WHEELS) <= set(wheels)
+
+
+def geometry_of(
+    frame: CommonFrame | None, kind: VehicleType, results: Mapping[str, WheelResult], coverage_factor: float
+) -> tuple[VehicleGeometry | None, str | None]:
+    """Return the vehicle in its own frame, and why there is none where the wheels make no vehicle.
+
+    Both are None where the rigs stand in no common frame, or a wheel was not asked for or not measured.
+    """
+    if frame is None or not whole_vehicle(results):
+        return None, None
+    axes = {name: axis for name in FOUR_WHEELS if (axis := results[name].axis) is not None}
+    if len(axes) < len(FOUR_WHEELS):
+        return None, None
+    try:
+        geometry = vehicle_geometry(
+            axes,
+            frame.stand,
+            kind.tyre_widths(),
+            thrust_sign=kind.thrust_sign,
+            coverage_factor=coverage_factor,
+        )
+    except DegenerateInputError as error:
+        return None, str(error)
+    return geometry, None

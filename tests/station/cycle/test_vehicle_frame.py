@@ -1,0 +1,291 @@
+"""The vehicle's own frame in the cycle: what is judged, stored and told of a vehicle that stands askew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from alignment.geometry.transforms import RigidTransform
+from alignment.units import ARCMIN
+from alignment.values import (
+    Refusal,
+    RefusalCode,
+    Side,
+    WheelMeasurement,
+    WheelReference,
+    nominal_vehicle_from_rig,
+)
+from alignment.vehicle.angles import camber_toe, normal_from_angles
+from alignment.vehicle.geometry import TYRE_WIDTH
+from alignment.vehicle.wheel_axes import Stand
+from db.records import CycleOutcome, Verdict
+from station.configuration.vehicle_types import VehicleType
+from station.cycle.frame import CommonFrame, Reference
+from station.cycle.judging import evaluate
+from station.cycle.verdict import Status
+from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, StationState, Stop
+from tests.station.bench import WHEELS, Bench, measurement, open_bench
+
+PLACES = {
+    "front_left": (1350.0, 850.0, 0.0),
+    "front_right": (1350.0, -850.0, 0.0),
+    "rear_left": (-1350.0, 850.0, 0.0),
+    "rear_right": (-1350.0, -850.0, 0.0),
+}
+"""Of the rigs, and of the reference points of a vehicle that stands straight."""
+LIMIT = {"nominal_deg": 0.0, "tolerance_deg": 0.08}
+AXLE = {"camber": {"nominal_deg": 0.0, "tolerance_deg": 0.5}, "toe": LIMIT, "total_toe": LIMIT}
+LENGTHS = {
+    "track_front": {"nominal_mm": 1700.0, "tolerance_mm": 2.0},
+    "wheelbase_difference": {"lower_mm": -2.0, "upper_mm": 2.0},
+}
+KIND = VehicleType.model_validate(
+    {
+        "number": 1,
+        "name": "Car",
+        "axles": {"front": AXLE, "rear": AXLE},
+        "thrust_angle": LIMIT,
+        "lengths": LENGTHS,
+        "tyre_width_sigma_mm": 0.0,
+    }
+)
+
+
+def side_of(name: str) -> Side:
+    return "left" if name.endswith("left") else "right"
+
+
+def seen(yaw_deg: float, moved: dict[str, tuple[float, float]] | None = None) -> dict[str, WheelMeasurement]:
+    """What the rigs see of a vehicle with wheels at zero that has turned on the stand; points moved in it."""
+    turn = RigidTransform.from_rotvec(np.array([0.0, 0.0, math.radians(yaw_deg)]), np.zeros(3))
+    out = {}
+    for name, place in PLACES.items():
+        side = side_of(name)
+        camber, toe = camber_toe(turn.apply_vectors(normal_from_angles(0.0, 0.0, side)), side)
+        point = np.array(place)
+        point[:2] += (moved or {}).get(name, (0.0, 0.0))
+        rig = RigidTransform(nominal_vehicle_from_rig(side).rotation, np.array(place))
+        covariance = np.diag([2e-6, 2e-6, 0.01, 0.01, 0.01]) ** 2
+        out[name] = replace(
+            measurement(camber, toe),
+            angle_covariance=covariance[:2, :2],
+            reference=WheelReference(rig.inverse().apply(turn.apply(point)), covariance),
+        )
+    return out
+
+
+@contextmanager
+def bench_of(reference: Reference | None, yaw_deg: float = 0.0, kind: VehicleType = KIND) -> Iterator[Bench]:
+    """A bench whose rigs stand in one frame, or do not."""
+    frame = None if reference is None else CommonFrame(Stand(), reference)
+    with open_bench(frame=frame, places=PLACES) as bench:
+        bench.types[1] = kind
+        bench.found = dict(seen(yaw_deg))
+        yield bench
+
+
+@pytest.fixture
+def askew() -> Iterator[Bench]:
+    """A vehicle of zero toe, turned by 0.1° to the left, before rigs whose toes refer to the vehicle."""
+    with bench_of("vehicle", 0.1) as bench:
+        yield bench
+
+
+def test_stands_own_way_takes_a_tenth_of_a_degree_of_yaw_for_toe_and_thrust() -> None:
+    """6′ on each side, and a thrust angle that the vehicle has not: a good vehicle was NOK."""
+    with bench_of("stand", 0.1) as bench:
+        report = bench.trigger()
+    assert report is not None
+    toes = {wheel.wheel: wheel.toe / ARCMIN for wheel in report.record.wheels if wheel.toe is not None}
+    assert toes == {name: pytest.approx(-6.0 if name.endswith("left") else 6.0, abs=1e-6) for name in WHEELS}
+    assert report.record.vehicle_angles is not None
+    assert report.record.vehicle_angles.thrust_angle == pytest.approx(6.0 * ARCMIN)
+    assert report.told is Outcome.NOK
+
+
+def test_in_its_own_frame_the_same_vehicle_is_good(askew: Bench) -> None:
+    report = askew.trigger()
+    assert report is not None
+    assert report.told is Outcome.OK
+    for wheel in report.record.wheels:
+        assert wheel.toe == pytest.approx(0.0, abs=1e-9)
+        assert wheel.verdict is Verdict.OK
+        assert wheel.warning is None
+    assert report.record.vehicle_angles is not None
+    assert report.record.vehicle_angles.thrust_angle == pytest.approx(0.0, abs=1e-9)
+    vehicle = report.evaluation.vehicle
+    assert vehicle is not None
+    assert vehicle.geometry is not None
+    assert vehicle.geometry.value("yaw") == pytest.approx(math.radians(0.1))
+    assert vehicle.geometry.value("track_front") == pytest.approx(1700.0)
+    assert report.evaluation.reference == "vehicle"
+
+
+def test_total_toe_is_the_same_in_both_frames() -> None:
+    totals = []
+    for reference in ("vehicle", "stand"):
+        with bench_of(reference, 0.3) as bench:  # type: ignore[arg-type]
+            report = bench.trigger()
+        assert report is not None
+        totals.append({axle.axle: axle.total_toe for axle in report.record.axles})
+    assert totals[0] == {axle: pytest.approx(value, abs=1e-4 * ARCMIN) for axle, value in totals[1].items()}
+
+
+@pytest.mark.parametrize("reference", ["vehicle", "stand"])
+def test_length_out_of_its_limits_makes_the_vehicle_nok(reference: Reference) -> None:
+    """Whatever toes refer to: rigs in one frame know the lengths."""
+    with bench_of(reference) as bench:
+        bench.found = dict(seen(0.0, {"front_left": (5.0, 0.0), "rear_left": (-1.0, 0.0)}))
+        report = bench.trigger()
+        events = [event for event in bench.store.events if event.code == "geometry"]
+    assert report is not None
+    assert report.record.outcome is CycleOutcome.NOK
+    assert report.told is Outcome.NOK
+    assert bench.line.sent[-1][3].outcome is Outcome.NOK
+    assert all(wheel.outcome is Outcome.OK for wheel in bench.line.sent[-1][1])
+    assert report.record.vehicle_angles is not None
+    assert report.record.vehicle_angles.verdict is Verdict.NOK
+    (event,) = events
+    assert "wheelbase_difference is 6.000" in event.text
+    assert "accepted are -2 to 2 mm" in event.text
+    assert event.cycle_uuid == report.record.uuid
+
+
+def test_lengths_are_judged_with_the_guard_band() -> None:
+    with bench_of("vehicle") as bench:
+        bench.found = dict(seen(0.0, {"front_left": (1.97, 0.0)}))
+        assert bench.trigger().told is Outcome.NOK  # type: ignore[union-attr]
+    with bench_of("vehicle", kind=KIND.model_copy(update={"guard_band": False})) as bench:
+        bench.found = dict(seen(0.0, {"front_left": (1.97, 0.0)}))
+        assert bench.trigger().told is Outcome.OK  # type: ignore[union-attr]
+
+
+def test_rigs_in_no_common_frame_judge_no_lengths() -> None:
+    with bench_of(None) as bench:
+        bench.found = dict(seen(0.0, {"front_left": (50.0, 0.0)}))
+        report = bench.trigger()
+    assert report is not None
+    assert report.told is Outcome.OK
+    assert report.evaluation.vehicle is not None
+    assert report.evaluation.vehicle.lengths == ()
+
+
+def test_vehicle_with_a_refused_wheel_has_no_toe_that_could_pass(askew: Bench) -> None:
+    """Stored toes of the others are against the stand, say so, and have no verdict."""
+    askew.found["rear_left"] = Refusal(RefusalCode.HEAD_DARK, "dark")
+    report = askew.trigger()
+    assert report is not None
+    assert report.record.outcome is CycleOutcome.FAULT
+    for wheel in report.record.wheels:
+        assert wheel.verdict is Verdict.NONE
+        if wheel.wheel != "rear_left":
+            assert wheel.toe is not None
+            assert abs(wheel.toe) == pytest.approx(6.0 * ARCMIN)
+            assert "against the stand's axis" in str(wheel.warning)
+    front = next(axle for axle in report.record.axles if axle.axle == "front")
+    assert front.verdict is Verdict.OK
+    assert report.record.vehicle_angles is None
+
+
+def test_wheel_without_a_place_is_refused_where_toes_refer_to_the_vehicle(askew: Bench) -> None:
+    askew.found["front_right"] = replace(seen(0.1)["front_right"], reference=None)
+    report = askew.trigger()
+    assert report is not None
+    wheel = next(each for each in report.record.wheels if each.wheel == "front_right")
+    assert wheel.reason_code == "no_place"
+    assert "outermost ring" in str(wheel.reason_text)
+    assert report.told is Outcome.FAULT
+
+
+def test_wheels_that_make_no_vehicle_are_a_fault_that_says_so(askew: Bench) -> None:
+    """A vehicle turned by 12° is none; its wheels alone are good."""
+    askew.found = {
+        name: replace(askew.found["front_left"], camber=0.0, toe=0.0, reference=found.reference)  # type: ignore[union-attr, type-var]
+        for name, found in seen(12.0).items()
+    }
+    report = askew.trigger()
+    assert report is not None
+    assert report.record.outcome is CycleOutcome.FAULT
+    assert "within 10°" in str(report.record.reason_text)
+    assert report.told is Outcome.FAULT
+
+
+@pytest.mark.parametrize("wheels", [WHEELS[:2], WHEELS[2:], WHEELS[:3], WHEELS[:1]])
+def test_part_of_a_vehicle_has_no_toe_of_its_own_and_is_refused(
+    askew: Bench, wheels: tuple[str, ...]
+) -> None:
+    assert askew.trigger(wheels=wheels) is None
+    assert askew.line.refused == [(1, ErrorCode.WHEEL_NOT_AVAILABLE)]
+    with bench_of("stand") as bench:
+        assert bench.trigger(wheels=wheels) is not None
+
+
+def test_master_wheels_are_checked_against_the_stand_one_by_one() -> None:
+    """Their certificates know no centreline."""
+    with bench_of("vehicle") as bench:
+        report = bench.trigger(wheels=WHEELS[:1], vehicle_type=7, mode=Mode.MASTER_CHECK)
+    assert report is not None
+    assert report.told is Outcome.OK
+    assert report.evaluation.reference == "stand"
+    assert len(bench.store.checks) == 1
+
+
+def test_live_toe_is_the_one_that_will_be_judged(askew: Bench) -> None:
+    """Shown against the stand it led the operator 6′ astray, and the verdict after it was another."""
+    shown: dict[str, Any] = {}
+
+    def stop() -> None:
+        for angles, _ in askew.line.live:
+            if angles.state is LiveState.INSIDE:
+                shown[angles.wheel] = angles
+        if set(shown) == set(WHEELS):
+            askew.line.queue.append(Stop(1))
+
+    askew.line.on_live = stop
+    report = askew.trigger(mode=Mode.ADJUST)
+    assert report is not None
+    assert report.told is Outcome.OK
+    for wheel in WHEELS:
+        assert shown[wheel].toe_deg == pytest.approx(0.0, abs=1e-9)
+    # Before all four were seen there was no centreline, and nothing to show.
+    assert all(
+        angles.toe_deg is None for angles, _ in askew.line.live if angles.state is LiveState.NOT_MEASURED
+    )
+    assert askew.line.status.state is StationState.IDLE
+
+
+def test_spread_of_tyre_widths_is_in_the_stored_uncertainty_of_toe_and_not_of_total_toe() -> None:
+    wide = KIND.model_copy(update={"tyre_width_sigma_mm": 1.0})
+    records = []
+    for kind in (KIND, wide):
+        with bench_of("vehicle", kind=kind) as bench:
+            report = bench.trigger()
+        assert report is not None
+        records.append(report)
+    narrow, spread = (report.record for report in records)
+    assert spread.wheels[0].toe_u > 5.0 * narrow.wheels[0].toe_u  # type: ignore[operator]
+    assert spread.axles[0].total_toe_u == pytest.approx(narrow.axles[0].total_toe_u)
+    geometry = records[1].evaluation.vehicle.geometry  # type: ignore[union-attr]
+    assert geometry is not None
+    assert geometry.share("front_left.toe", TYRE_WIDTH) > 0.9
+
+
+def test_wheel_whose_calibration_is_not_valid_spoils_every_toe_of_the_vehicle(askew: Bench) -> None:
+    """The centreline rests on all four rigs."""
+    report = askew.trigger()
+    assert report is not None
+    results = [
+        replace(wheel.result, calibration_valid=wheel.result.wheel != "rear_right")
+        for wheel in report.evaluation.wheels
+    ]
+    judged = evaluate(KIND, results, 2.0, CommonFrame(Stand(), "vehicle"))
+    for wheel in judged.wheels:
+        assert wheel.toe.status is Status.INVALID
+        invalid = wheel.result.wheel == "rear_right"
+        assert wheel.camber.status is (Status.INVALID if invalid else Status.OK)
