@@ -16,6 +16,7 @@ from .geometry import vehicle_geometry as vehicle_geometry
 from .quantities import EndPoints as EndPoints
 from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
 from .wheel_axes import STEEL_PER_K as STEEL_PER_K
+from .wheel_axes import MeasuredAngles as MeasuredAngles
 from .wheel_axes import Stand as Stand
 from .wheel_axes import TyreWidths as TyreWidths
 from .wheel_axes import WheelAxis as WheelAxis

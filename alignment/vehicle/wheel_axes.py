@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.values import SIDES, RigCalibration, Side, WheelMeasurement
+from alignment.values import SIDES, RigCalibration, Side, WheelReference
 from alignment.vehicle.angles import SIGN, normal_from_angles
 
 FRONT, REAR = "front", "rear"
@@ -19,6 +20,25 @@ AXIS_SIZE = 5
 """Numbers of one wheel: camber, toe, then X, Y and Z of its reference point."""
 STEEL_PER_K = 12e-6
 """Expansion of structural steel per kelvin (EN 1993-1-1, 3.2.6)."""
+
+
+class MeasuredAngles(Protocol):
+    """Angles of a wheel against the stand's axes; a tyre plane has them, and a spin axis."""
+
+    @property
+    def camber(self) -> float:
+        """Radians."""
+        ...
+
+    @property
+    def toe(self) -> float:
+        """Radians."""
+        ...
+
+    @property
+    def angle_covariance(self) -> Array:
+        """(2, 2) of camber and toe, radians²."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,29 +78,24 @@ class WheelAxis:
             )
 
     @classmethod
-    def of(cls, measurement: WheelMeasurement, calibration: RigCalibration) -> WheelAxis:
-        """Return the wheel that a rig has measured, with the angles as they were corrected.
+    def of(cls, found: MeasuredAngles, reference: WheelReference, calibration: RigCalibration) -> WheelAxis:
+        """Return the wheel that a rig has measured.
 
-        Raises
-        ------
-        DegenerateInputError
-            When the measurement gives no reference point.
+        Parameters
+        ----------
+        found
+            A tyre plane or a spin axis, with its angles as they were corrected.
+        reference
+            The wheel's place by the same images.
+        calibration
+            Of the rig.
         """
-        reference = measurement.reference
-        if reference is None:
-            raise DegenerateInputError(
-                field="reference",
-                expected=f"a measurement with the wheel's reference point, by the method 'revolution' "
-                f"({calibration.rig})",
-                seen=f"none, by '{measurement.method}'",
-                cure="Measure with the method 'revolution'.",
-            )
         covariance = np.array(reference.covariance)
-        covariance[:2, :2] = measurement.angle_covariance
+        covariance[:2, :2] = found.angle_covariance
         return cls(
             calibration.side,
-            measurement.camber,
-            measurement.toe,
+            found.camber,
+            found.toe,
             calibration.vehicle_from_rig.apply(reference.point),
             covariance,
         )

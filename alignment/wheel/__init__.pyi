@@ -1,3 +1,4 @@
+from .reference import spin_reference as spin_reference
 from .revolution import RevolutionFit as RevolutionFit
 from .revolution import fit_revolution as fit_revolution
 from .revolution import least_covariance as least_covariance

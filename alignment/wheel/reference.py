@@ -6,18 +6,21 @@ happen to see of it, so two exposures of a wheel have it at one place.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from alignment.arrays import Array, Index
-from alignment.values import RigCalibration, WheelReference
+from alignment.values import RigCalibration, WheelMeasurement, WheelReference
 from alignment.vehicle.angles import camber_toe_jacobian
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_kernels import BASIS
+from alignment.wheel.spin import SpinMeasurement
 
 _MOST_POINTS = 4000  # tell where the profile is known, and how well
 _SUPPORT = 0.2  # of the weight that intervals have at the median, below which the profile is a guess
+_FEWEST_PLACES = 4  # of a turning wheel
 _EDGE = 1  # intervals at either end of what is known; a height that still rises there is no ring
 
 
@@ -103,6 +106,46 @@ def wheel_reference(
         point=fit.centre + ring.height_mm * fit.normal,
         covariance=covariance if common is None else covariance + common,
     )
+
+
+def spin_reference(
+    shots: Sequence[WheelMeasurement], spin: SpinMeasurement, common: Array | None
+) -> WheelReference | None:
+    """Return the place of a wheel that was turned between shots: the mean over the exposures.
+
+    A tyre with run-out swings its axis about the spin axis, and its reference point with it: that part is
+    fitted by the phases of the shots and taken off.
+
+    Parameters
+    ----------
+    shots
+        The tyre planes that the spin axis was fitted to, in their order.
+    spin
+        The axis.
+    common
+        (5, 5) what all shots share, `calibration.prediction.axis_covariance`; None where it is not known.
+
+    Returns
+    -------
+    WheelReference or None
+        None where fewer than half of the shots that were used saw the outermost ring.
+    """
+    shared = np.zeros((5, 5)) if common is None else common
+    used = [k for k, (each, counts) in enumerate(zip(shots, spin.used, strict=True)) if counts]
+    places = {k: reference for k in used if (reference := shots[k].reference) is not None}
+    if 2 * len(places) < len(used) or len(places) < _FEWEST_PLACES:
+        return None
+    points = np.array([each.point for each in places.values()])
+    rows = np.ones((len(points), 1))
+    if spin.phases is not None:
+        phase = np.array([spin.phases[k] for k in places])
+        rows = np.column_stack([rows, np.cos(phase), np.sin(phase)])
+    inverse = np.linalg.inv(rows.T @ rows)
+    # Each shot's own noise: the wheel may wander meanwhile, and its place is the mean one.
+    own = np.mean([each.covariance - shared for each in places.values()], axis=0)
+    covariance = shared + float(inverse[0, 0]) * own
+    covariance[:2, :2] = spin.angle_covariance
+    return WheelReference(point=(inverse @ rows.T @ points)[0], covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)

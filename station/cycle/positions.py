@@ -265,7 +265,7 @@ class WheelPosition:
             shot=shot,
             axis=None
             if measurement is None or measurement.reference is None
-            else WheelAxis.of(measurement, calibration),
+            else WheelAxis.of(measurement, measurement.reference, calibration),
         )
 
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from alignment.arrays import Array
 from alignment.geometry.transforms import RigidTransform
-from alignment.wheel.reference import outermost_ring, wheel_reference
+from alignment.values import WheelMeasurement, WheelReference
+from alignment.wheel.reference import outermost_ring, spin_reference, wheel_reference
 from alignment.wheel.revolution import RevolutionFit, fit_revolution
+from alignment.wheel.spin import SpinMeasurement
 from tests import rendered
+from tests.station.bench import measurement
 
 NOISE = 0.03
 RING_MM, HIGH_MM = 262.0, 4.0
@@ -125,3 +129,75 @@ def test_reference_stands_in_the_vehicle_with_its_share_of_the_calibration() -> 
     )
     angles = np.sqrt(np.diag(alone.covariance)[:2])
     assert angles == pytest.approx(np.sqrt(np.diag(fit.covariance))[::-1], rel=0.3)
+
+
+def turned(
+    phases: Array, rng: np.random.Generator, wander_mm: float = 0.0
+) -> tuple[list[WheelMeasurement], SpinMeasurement, Array]:
+    """Shots of a wheel whose tyre leans by 0.2° about a middle 100 mm inboard; and its true place."""
+    swing, noise = math.radians(0.2) * 100.0, np.diag([1e-6, 1e-6, 0.003, 0.003, 0.002]) ** 2
+    true = np.array([4.0, -3.0, 2.0])
+    shots = []
+    for number, phase in enumerate(phases):
+        away = swing * np.array([math.cos(phase), math.sin(phase), 0.0])
+        away += wander_mm * np.sin(2.0 * math.pi * number / len(phases)) * np.array([1.0, 0.5, 0.2])
+        point = true + away + np.sqrt(np.diag(noise)[2:]) * rng.standard_normal(3)
+        shots.append(replace(measurement(), reference=WheelReference(point, SHARE + noise)))
+    spin = SpinMeasurement(
+        camber=0.01,
+        toe=0.002,
+        angle_covariance=np.diag([3e-6, 2e-6]) ** 2,
+        run_out=math.radians(0.2),
+        run_out_u=1e-6,
+        phases=tuple(map(float, phases)),
+        covered_turn=6.0,
+        used=(True,) * len(phases),
+    )
+    return shots, spin, true
+
+
+SHARE = np.diag([1e-6, 1e-6, 0.02, 0.02, 0.02]) ** 2
+
+
+@pytest.mark.parametrize("turn", [2.0 * math.pi, math.radians(200.0)])
+def test_place_of_a_turning_wheel_is_free_of_its_run_out(turn: float) -> None:
+    """Over part of a turn the mean of the places leans to one side by a tenth of a millimetre and more."""
+    phases = np.linspace(0.0, turn, 16, endpoint=False)
+    shots, spin, true = turned(phases, np.random.default_rng(1))
+    found = spin_reference(shots, spin, SHARE)
+    assert found is not None
+    assert found.point == pytest.approx(true, abs=0.02)
+    assert found.covariance[:2, :2] == pytest.approx(spin.angle_covariance)
+    # What the calibration errs stays, the noise of one shot becomes that of their mean.
+    assert np.sqrt(np.diag(found.covariance)[2:]) == pytest.approx([0.02] * 3, rel=0.02)
+
+
+def test_wheel_that_wanders_has_the_place_of_the_mean_over_its_exposures() -> None:
+    phases = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False) * 3.0
+    shots, spin, true = turned(phases, np.random.default_rng(2), wander_mm=1.0)
+    found = spin_reference(shots, spin, SHARE)
+    assert found is not None
+    assert found.point == pytest.approx(true, abs=0.02)
+
+
+def test_shots_that_do_not_count_or_saw_no_ring_are_left_out() -> None:
+    phases = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+    shots, spin, true = turned(phases, np.random.default_rng(3))
+    far = WheelReference(true + 50.0, SHARE)
+    shots[3] = replace(shots[3], reference=far)
+    shots[7] = replace(shots[7], reference=None)
+    spin = replace(spin, used=tuple(k != 3 for k in range(16)))
+    found = spin_reference(shots, spin, None)
+    assert found is not None
+    assert found.point == pytest.approx(true, abs=0.02)
+    for k in range(10):
+        shots[k] = replace(shots[k], reference=None)
+    assert spin_reference(shots, spin, None) is None
+
+
+def test_wheel_whose_run_out_is_not_told_from_noise_has_the_mean_place() -> None:
+    phases = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
+    shots, spin, true = turned(phases, np.random.default_rng(4))
+    found = spin_reference(shots, replace(spin, phases=None, run_out=None), SHARE)
+    assert found is not None
+    assert found.point == pytest.approx(true, abs=0.02)
