@@ -34,6 +34,7 @@ from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves, head_sums
 from alignment.wheel.load import LoadedWheel, carry
 from alignment.wheel.plane import PlaneFit, fit_plane
+from alignment.wheel.reference import wheel_reference
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
 
@@ -262,6 +263,9 @@ def _evaluate(
         covariance = covariance + loaded.covariance
     noise = turn @ covariance @ turn.T
     common = rig.angle_covariance
+    reference = None
+    if settings.method == "revolution":
+        reference = wheel_reference(fit, pool.points, rig.calibration, rig.axis_covariance)
     return WheelMeasurement(
         camber=angles[0],
         toe=angles[1],
@@ -278,6 +282,7 @@ def _evaluate(
         warning=_warning(judgement, rig) if judgement.suspected else None,
         unseen=_unseen(judgement),
         load_mm=None if loaded is None else loaded.lift_mm,
+        reference=reference,
     )
 
 
