@@ -89,6 +89,15 @@ def run(
     config: Annotated[
         Path | None, typer.Option(help="Station's configuration.", show_default="configs/station.toml")
     ] = None,
+    cable: Annotated[
+        Path | None,
+        typer.Option(
+            help="To try it out without a bus: one end of a cable instead of the configured line. Another "
+            "program on this computer finds the other end by this name: --interface slcan --channel NAME.",
+            metavar="NAME",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Run the station until SIGINT, SIGTERM, SIGHUP or SIGQUIT ends it in order."""
     from station.running import run_station
@@ -96,7 +105,7 @@ def run(
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)s %(message)s")
     # A station says what it does itself; that a schema's library began to look is no news.
     logging.getLogger("alembic").setLevel(logging.WARNING)
-    run_station(own_config(config))
+    run_station(own_config(config), plug=cable)
 
 
 @app.command()

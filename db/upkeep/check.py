@@ -45,6 +45,8 @@ class CheckReport:
         Cycles that are not in the sums yet; that slows answers and changes none.
     pending
         Records that wait to be shipped; None in a database without outbox.
+    ships
+        Whether any record was ever shipped from here; without a central database all of them wait for ever.
     remedies
         What can be done about the findings.
     """
@@ -57,6 +59,7 @@ class CheckReport:
     findings: tuple[str, ...]
     heads: Mapping[str, Head] = field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
+    ships: bool = False
 
 
 def check_database(url: str, days: float | None = 7.0) -> CheckReport:
@@ -109,7 +112,7 @@ def _check(connection: Connection, days: float | None) -> CheckReport:
 
         findings += _told(connection, "the chain of hashes", chain_findings)
         heads = chains[0].heads
-    counts: dict[str, Any] = dict.fromkeys(("cycles", "wheels", "behind", "pending"), 0)
+    counts: dict[str, Any] = dict.fromkeys(("cycles", "wheels", "behind", "pending", "ships"), 0)
     findings += _told(connection, "the number of records", lambda found: _counted(found, counts))
     remedies = (Remedy(Deed.REBUILD_SUMS),) if differing else ()
     return CheckReport(head_revision(), findings=tuple(findings), heads=heads, remedies=remedies, **counts)
@@ -133,11 +136,13 @@ def _counted(connection: Connection, counts: dict[str, Any]) -> Iterator[str]:
     last = connection.execute(select(sums_state.c.last_cycle_id)).scalar_one()
     newer = select(func.count()).select_from(cycles).where(cycles.c.id > last)
     counts["behind"] = connection.execute(newer).scalar_one()
-    counts["pending"] = None
+    counts["pending"], counts["ships"] = None, False
     if connection.dialect.name == "sqlite":
         newest = connection.execute(select(func.coalesce(func.max(outbox.c.sequence), 0))).scalar_one()
-        shipped = connection.execute(select(shipments.c.shipped_sequence)).scalar_one()
-        counts["pending"] = newest - shipped
+        shipped, when = connection.execute(
+            select(shipments.c.shipped_sequence, shipments.c.shipped_utc)
+        ).one()
+        counts["pending"], counts["ships"] = newest - shipped, when is not None
     yield from ()
 
 

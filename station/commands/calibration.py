@@ -80,7 +80,9 @@ def import_command(
     ] = None,
     size: Annotated[
         tuple[int, int] | None,
-        typer.Option(help="Width and height of the images, where an OpenCV file does not say."),
+        typer.Option(
+            help="Size of the images, where an OpenCV file does not say: 1920 1080.", metavar="WIDTH HEIGHT"
+        ),
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:

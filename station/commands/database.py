@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from alignment.errors import ConfigurationError
+from alignment.counting import count_of
+from alignment.errors import ConfigurationError, TruewheelError
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_file
 from station.commands.words import remedy_in_commands
@@ -78,6 +80,7 @@ def check(
     from db.upkeep import check_database
 
     report = check_database(database, None if everything else days)
+    waiting = report.pending if report.ships or _has_central(database) else None
     if as_json:
         print_json(
             {
@@ -91,15 +94,15 @@ def check(
                     "cycles": report.cycles,
                     "wheels": report.wheels,
                     "cycles_not_in_sums": report.behind,
-                    "records_to_ship": report.pending,
+                    "records_to_ship": waiting,
                     "findings": len(report.findings),
                 },
             }
         )
     else:
         typer.echo(f"revision {report.revision}: {report.cycles:,} cycles, {report.wheels:,} wheels")
-        if report.pending:
-            typer.echo(f"{report.pending:,} records wait to be shipped")
+        if waiting:
+            typer.echo(f"{count_of(waiting, 'record')} {'waits' if waiting == 1 else 'wait'} to be shipped")
         if report.behind:
             typer.echo(f"{report.behind:,} cycles are not in the sums yet: run `truewheel db sums`")
         for name, end in report.heads.items():
@@ -110,9 +113,27 @@ def check(
             typer.echo(finding)
         for remedy in report.remedies:
             typer.echo(remedy_in_commands(remedy))
-        typer.echo("nothing is wrong" if not report.findings else f"{len(report.findings)} findings")
+        typer.echo("nothing is wrong" if not report.findings else count_of(len(report.findings), "finding"))
     if report.findings:
         raise typer.Exit(GOAL_MISSED)
+
+
+def _has_central(database: str) -> bool:
+    """Whether it is the database of this folder's station, and that ships to a central one."""
+    from db.connection import parse_url
+    from station.configuration import own_configuration, read_configuration
+
+    found = own_configuration()
+    if found is None:
+        return False
+    with suppress(TruewheelError):  # The check is of the database, not of the configuration.
+        configuration = read_configuration(found)
+        if configuration.settings.database.central_url is None:
+            return False
+        own, asked = (parse_url(url) for url in (configuration.database_url, database))
+        files = {str(Path(url.database or "").resolve()) for url in (own, asked)}
+        return own.drivername == asked.drivername and len(files) == 1
+    return False
 
 
 @db_app.command()

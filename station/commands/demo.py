@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from alignment.counting import count_of
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_database, ready_folder
 from station.commands.warm_up import compiled_for
@@ -54,19 +56,29 @@ def demo(
     configuration = read_configuration(default_config(config))
     compiled_for(("measure_8", "wheel_images"), as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("loading", total=vehicles * len(configuration.settings.rigs))
+    console = Console(stderr=True)
+    wheels = vehicles * len(configuration.settings.rigs)
+    with Progress(*columns, console=console, disable=as_json and not console.is_terminal) as progress:
+        task = progress.add_task("loading", total=wheels)
         # Loads renderer and mathematics, which takes seconds: the bar is there first.
         from station.rehearsal import demo_configuration, run_demo
 
         folder.mkdir(parents=True, exist_ok=True)
         url = database or f"sqlite:///{folder.resolve() / 'results.db'}"
         progress.update(task, description="wheels")
+        done = itertools.count(1)
+
+        def wheel_done() -> None:
+            progress.advance(task)
+            # Where nobody sees a bar.
+            if not console.is_terminal and not as_json:
+                typer.echo(f"{next(done)} of {count_of(wheels, 'wheel')}", err=True)
+
         result = run_demo(
             demo_configuration(configuration, url, folder / "can.log"),
             vehicles,
             seed,
-            lambda: progress.advance(task),
+            wheel_done,
         )
     if as_json:
         print_json(demo_as_json(result))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from alignment.counting import count_of
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_file
 from station.configuration import default_config
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from station.configuration import Configuration
     from station.line.plc import PlcOrder, PlcResult
-    from station.line.tools import PointVerdict, Trial, Vehicles
+    from station.line.tools import DecodedFrame, PointVerdict, Trial, Vehicles
     from station.line.wire import BusSettings, LineDatabase
 
 line_app = typer.Typer(no_args_is_help=True, help="The bus between PLC and station.")
@@ -54,6 +55,15 @@ def plc(
         list[str] | None, typer.Option(help="Wheel to measure; repeat it.", show_default="all")
     ] = None,
     simulated: SimulatedFlag = False,
+    silence_s: Annotated[
+        float,
+        typer.Option(
+            help="A station that is silent for so long is lost. A real PLC takes the 0.5 s of the line "
+            "interface; a computer that renders the wheels beside may pause for longer.",
+            min=0.1,
+            max=600,
+        ),
+    ] = 5.0,
     config: ConfigOption = None,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
@@ -78,7 +88,7 @@ def plc(
     database = _database(configuration)
     with _reached(_bus(configuration, interface, channel), database, simulated) as settings:
         if file is None:
-            _order_vehicles(settings, database, orders, as_json)
+            _order_vehicles(settings, database, orders, silence_s, as_json)
             return
         with _trial(settings, database, file.vehicle.vehicles()) as trial:
             played = [
@@ -152,42 +162,91 @@ def monitor(
         typer.Option(help="File that takes the frames too (.log, .asc, .blf).", show_default=False),
     ] = None,
     seconds: Annotated[float, typer.Option(help="How long to listen live.", min=0.1, max=1e6)] = 10.0,
+    message: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Only this message of the DBC; * stands for anything. Several.", show_default=False
+        ),
+    ] = None,
+    cycles: Annotated[
+        bool, typer.Option("--cycles", help="One line for each start: VIN, result, times.")
+    ] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Every frame with all its signals, not only what changed.")
+    ] = False,
+    counters: Annotated[
+        bool, typer.Option("--counters", help="Show CRCs, counters and signs of life too.")
+    ] = False,
     config: ConfigOption = None,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Show traffic decoded by the DBC, live or from a log; exit status 1 for a frame in error or lost."""
-    from station.line.tools import decoded, live_frames, read_log, recorded
+    """Show traffic decoded by the DBC, live or from a log, as it changes.
+
+    Exit status 1 for a frame in error or lost. With --json all signals of all frames.
+    """
+    from station.line.tools import chosen_messages, decoded, live_frames, read_log, recorded
     from station.line.wire import open_bus
 
     ready_file(out)
     configuration = _read(config)
     database = _database(configuration)
-    errors, shown, reading = 0, [], None
+    wanted = chosen_messages(message or [], database.protected)
+    errors, count, shown, reading = 0, 0, [], None
+    lines = _view(database, wanted, cycles, every=everything, counting=counters)
     with ExitStack() as stack:
         frames: Iterable[can.Message]
         if log is not None:
             frames = reading = read_log(log)
         else:
-            bus = stack.enter_context(open_bus(_bus(configuration, interface, channel)))
+            bus = stack.enter_context(open_bus(_shared(_bus(configuration, interface, channel))))
             frames = live_frames(bus, seconds)
         if out is not None:
             frames = recorded(frames, out)
         for frame in decoded(frames, database):
             errors += frame.error is not None
-            if as_json:
+            count += 1
+            if not as_json:
+                _echo(lines(frame))
+            elif not wanted or frame.name in wanted:
                 shown.append(asdict(frame))
-            else:
-                typer.echo(str(frame))
+    if not as_json:
+        _echo(lines(None))
     lost = 0 if reading is None else reading.notes.lost
     if as_json:
         read = {} if reading is None else {"skipped": lost, "read": reading.summary}
         print_json({"frames": shown, "errors": errors, **read})
-    elif reading is not None:
-        typer.echo(reading.summary, err=True)
+    else:
+        heard = f"{count_of(count, 'frame')} in {seconds:g} s" if reading is None else reading.summary
+        typer.echo(f"{heard}, {errors} in error" if errors else heard, err=True)
     if errors or lost:
         raise typer.Exit(GOAL_MISSED)
+
+
+def _view(
+    database: LineDatabase, wanted: frozenset[str], cycles: bool, *, every: bool, counting: bool
+) -> Callable[[DecodedFrame | None], Iterable[str]]:
+    """What takes frames, and None at their end, and returns the lines that a person sees of them."""
+    from station.line.tools import ChangeView, VehicleView
+
+    width = max(map(len, database.protected))
+    changes = ChangeView(database.vin_messages, every=every, counting=counting, width=width)
+    vehicles = VehicleView(database.vin_messages)
+
+    def lines(frame: DecodedFrame | None) -> Iterable[str]:
+        if cycles:
+            return vehicles.end() if frame is None else vehicles.lines(frame)
+        if frame is None or (wanted and frame.name not in wanted):
+            return ()
+        return filter(None, [changes.line(frame)])
+
+    return lines
+
+
+def _echo(lines: Iterable[str]) -> None:
+    for line in lines:
+        typer.echo(line)
 
 
 @line_app.command()
@@ -245,16 +304,41 @@ def _bus(configuration: Configuration, interface: str | None, channel: str | Non
     return replace(settings, channel=channel or settings.channel)
 
 
+def _shared(settings: BusSettings, otherwise: str = "") -> BusSettings:
+    """The bus, when a station can be on it that is another program."""
+    from alignment.errors import ConfigurationError
+    from station.line.wire import ONE_PROCESS
+
+    if settings.interface == ONE_PROCESS:
+        raise ConfigurationError(
+            field="line.interface",
+            expected="one that reaches other programs",
+            seen=f"'{ONE_PROCESS}', which is in one process only: no station can hear this command",
+            cure="Start the station with `truewheel run --cable out/plc`, and add --interface slcan "
+            f"--channel out/plc here{otherwise}",
+        )
+    return settings
+
+
 @contextmanager
 def _reached(settings: BusSettings, database: LineDatabase, simulated: bool) -> Iterator[BusSettings]:
     """The configured bus, or that of a station which is started here."""
     if not simulated:
-        yield settings
+        yield _shared(settings, "; or add --simulated for a station of its own")
         return
+    import logging
+
     from station.rehearsal import simulated_station
 
-    with simulated_station(database) as own:
-        yield own
+    # What its log says of commands that are wrong on purpose is no news to who sends them.
+    log = logging.getLogger("truewheel.line")
+    before = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with simulated_station(database) as own:
+            yield own
+    finally:
+        log.setLevel(before)
 
 
 @contextmanager
@@ -270,13 +354,13 @@ def _trial(settings: BusSettings, database: LineDatabase, vehicles: Vehicles) ->
 
 
 def _order_vehicles(
-    settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], as_json: bool
+    settings: BusSettings, database: LineDatabase, orders: list[PlcOrder], silence_s: float, as_json: bool
 ) -> None:
     from station.cycle import Outcome
-    from station.line.plc import run_plc
+    from station.line.plc import PlcTimeouts, run_plc
 
     results = []
-    for result in run_plc(settings, database.file, orders):
+    for result in run_plc(settings, database.file, orders, PlcTimeouts(silence_s=silence_s)):
         results.append(result)
         if not as_json:
             _show(result)

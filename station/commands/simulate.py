@@ -51,7 +51,11 @@ def simulate_wheel_command(
     ] = 0.0,
     offset: Annotated[
         tuple[float, float, float],
-        typer.Option(help="Position of the wheel's centre in the rig frame: x y z, millimetres."),
+        typer.Option(
+            help="Position of the wheel's centre in the rig frame, millimetres: 3 -2 4.",
+            metavar="X Y Z",
+            show_default="0 0 0",
+        ),
     ] = (0.0, 0.0, 0.0),
     load_mm: Annotated[
         float,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from alignment.counting import count_of
 from station.commands.output import JsonFlag, print_json
 
 if TYPE_CHECKING:
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from station.warm_up import WarmedUp, WarmUpProgress
 
 _WHAT = "compiling for this computer (once)"
+_EVERY_S = 5.0
 
 
 def warm_up(as_json: JsonFlag = False) -> None:
@@ -81,22 +84,36 @@ def compiled_for_images(images: Iterable[StereoImages], as_json: bool, *more: st
     compiled_for(("measure_16" if deep else "measure_8", *more), as_json)
 
 
+def lines_of_progress(
+    clock: Callable[[], float] = time.monotonic, every_s: float = _EVERY_S
+) -> Callable[[WarmUpProgress], None]:
+    """Return what writes a line at the beginning and at the end, and at most one in `every_s` between.
+
+    For a log, a pipe, a service: where nobody sees a bar, somebody waits all the same.
+    """
+    started = told = clock()
+
+    def tell(progress: WarmUpProgress) -> None:
+        nonlocal told
+        now = clock()
+        if progress.done == 0:
+            typer.echo(f"{_WHAT}: {count_of(progress.total, 'function')}, about a minute", err=True)
+        elif progress.done == progress.total or now - told >= every_s:
+            told = now
+            share, passed = f"{100.0 * progress.share:.0f} %", f"{now - started:.0f} s"
+            typer.echo(f"  {progress.done} of {progress.total} functions, {share}, {passed}", err=True)
+
+    return tell
+
+
 @contextmanager
 def _shown(as_json: bool) -> Iterator[Callable[[WarmUpProgress], None]]:
-    """Yield what shows progress on standard error: a bar at a terminal, else one line, with --json none."""
+    """Yield what shows progress on standard error: a bar at a terminal, else lines, with --json none."""
     from rich import progress as bars
     from rich.console import Console
 
-    if not sys.stderr.isatty():
-        told = as_json
-
-        def tell(progress: WarmUpProgress) -> None:
-            nonlocal told
-            if not told:
-                typer.echo(f"{_WHAT}: {progress.total} functions, about a minute", err=True)
-            told = True
-
-        yield tell
+    if as_json or not sys.stderr.isatty():
+        yield (lambda progress: None) if as_json else lines_of_progress()
         return
     columns = (
         bars.TextColumn("{task.description}"),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, get_args
 
 from typer.core import TyperGroup
 
@@ -56,8 +57,38 @@ class Running:
         return Words(self.option, remedy_in_commands)
 
 
+_KINDS = {str: "TEXT", Path: "PATH", int: "INTEGER", float: "NUMBER"}
+
+
+def name_values(command: Any) -> Any:
+    """Return a command whose help names values as people do: ``--out PATH`` and not ``--out <path>``.
+
+    Typer shows how Python writes a type (``<list[Path]>``, ``<int range>``). A range stands behind the help
+    anyway, choices stay as they are, and a name of our own stays too.
+    """
+    for parameter in getattr(command, "params", []):
+        described = parameter.type_descriptor
+        if described.is_choice or getattr(parameter, "is_flag", False):
+            continue
+        if parameter.param_type_name == "argument":
+            parameter.metavar = parameter.metavar or parameter.name.upper()
+            parameter.display_type_rich = _untyped
+        elif parameter.metavar is None:
+            kinds = get_args(described.annotation) or (described.annotation,)
+            parameter.metavar = " ".join(_KINDS.get(kind, "VALUE") for kind in kinds)
+    return command
+
+
+def _untyped(ctx: Any) -> None:
+    """Of an argument the name says what it is."""
+
+
 class Verbs(TyperGroup):
     """A group that notes in the context's `Running` which of its commands was chosen."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """As in every group, with values that are named for people."""
+        return name_values(super().get_command(ctx, cmd_name))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """As in every group."""

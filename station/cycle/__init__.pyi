@@ -13,7 +13,9 @@ from .positions import CalibrationInForce as CalibrationInForce
 from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
 from .positions import utc_now as utc_now
+from .verdict import Status as Status
 from .verdict import combined as combined
+from .verdict import missed_in_words as missed_in_words
 from .words import Abort as Abort
 from .words import Acknowledge as Acknowledge
 from .words import AxleAnswer as AxleAnswer

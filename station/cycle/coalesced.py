@@ -98,5 +98,7 @@ class Coalesced(Generic[K]):
         known = self._kinds.pop(kind)
         if known.count == 0:
             return None
+        if known.count == 1:
+            return self._say(kind, f"1 more: {known.text}")
         span_s = known.last_s - known.first_s
         return self._say(kind, f"{known.count} more within {span_s:.1f} s, the last: {known.text}")

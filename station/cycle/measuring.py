@@ -193,7 +193,7 @@ class MeasuringCycle:
         code = self._refusal(trigger)
         if code is not None:
             self._line.refuse(trigger.sequence, code)
-            self._provoked.say((Severity.WARNING, str(code)), f"start {trigger} was refused")
+            self._provoked.say((Severity.WARNING, str(code)), f"{trigger}, was refused: {code}")
             return None
         received_utc = self._now() - timedelta(seconds=max(0.0, self._clock() - trigger.received_s))
         positions = [self._positions[wheel] for wheel in trigger.wheels]

@@ -88,6 +88,21 @@ class Angle:
         return Status.OK if missed is None else Status.NOK
 
 
+def missed_in_words(angle: Angle) -> str:
+    """Return which wheel's or axle's angle is outside of its limits, and by what, in degrees.
+
+    `angle` has a value and limits; a guard band counts only where it decides.
+    """
+    assert angle.value is not None
+    assert angle.limits is not None
+    assert angle.expanded_uncertainty is not None
+    value, low, high = map(math.degrees, (angle.value, angle.limits.low, angle.limits.high))
+    text = f"{angle.name.replace('.', ' ')} {value:+.4f}°, limits {low:+.4f}° to {high:+.4f}°"
+    if angle.guard_band and low <= value <= high:
+        text += f" less its uncertainty of {math.degrees(angle.expanded_uncertainty):.4f}°"
+    return text
+
+
 def combined(angles: Iterable[Angle]) -> Status:
     """Return the verdict on several angles together.
 

@@ -145,6 +145,12 @@ class Trigger:
     received_s: float = field(default=0.0, compare=False)
     mode: Mode = Mode.AUTOMATIC
 
+    def __str__(self) -> str:
+        return (
+            f"start {self.sequence}, VIN {self.vin}, vehicle type {self.vehicle_type}, mode {self.mode}, "
+            f"{' and '.join(self.wheels) or 'no wheel'}"
+        )
+
 
 @dataclass(frozen=True)
 class Prepare:
@@ -155,12 +161,18 @@ class Prepare:
     vehicle_type: int
     mode: Mode = Mode.AUTOMATIC
 
+    def __str__(self) -> str:
+        return f"prepare {self.sequence}, vehicle type {self.vehicle_type}"
+
 
 @dataclass(frozen=True)
 class Stop:
     """End the adjusting of this sequence: measure and judge."""
 
     sequence: int
+
+    def __str__(self) -> str:
+        return f"stop {self.sequence}"
 
 
 @dataclass(frozen=True)
@@ -173,6 +185,9 @@ class Abort:
     sequence: int
     reason: ErrorCode = ErrorCode.NONE
 
+    def __str__(self) -> str:
+        return f"abort {self.sequence}" + ("" if self.reason is ErrorCode.NONE else f" ({self.reason})")
+
 
 @dataclass(frozen=True)
 class Reset:
@@ -180,12 +195,18 @@ class Reset:
 
     sequence: int
 
+    def __str__(self) -> str:
+        return f"reset {self.sequence}"
+
 
 @dataclass(frozen=True)
 class Acknowledge:
     """The controller took over the results of this sequence."""
 
     sequence: int
+
+    def __str__(self) -> str:
+        return f"acknowledge {self.sequence}"
 
 
 Command = Trigger | Prepare | Stop | Abort | Reset | Acknowledge

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from station.cycle import ErrorCode, Mode
+from station.cycle import ErrorCode, Mode, Trigger
 from station.line.handshake import Asked
-from station.line.wire import CommandCode, Value, VinAssembly, VinState
+from station.line.wire import MEANINGS, CommandCode, Value, VinAssembly, VinState
 
 _VIN_TROUBLE = {
     VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,
@@ -57,3 +57,21 @@ def read_asked(
         elif isinstance(found, str):
             vin = found
     return Asked(code, sequence, wheels, int(values["VehicleType"]), mode, vin, now, trouble)
+
+
+def refusal_in_words(command: str, sequence: int, why: ErrorCode, of: Asked | Trigger | None = None) -> str:
+    """Return a sentence for the log: which command was refused, of which vehicle, and why.
+
+    Parameters
+    ----------
+    command, sequence
+        What was asked, under which number.
+    why
+        The answer.
+    of
+        The start, where it is one.
+    """
+    vehicle = ""
+    if of is not None:
+        vehicle = f", VIN {of.vin or 'not whole'}, vehicle type {of.vehicle_type},"
+    return f"{command} {sequence}{vehicle} was refused: {why}. {MEANINGS[why].cause}"

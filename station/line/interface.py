@@ -41,7 +41,7 @@ from station.cycle import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.asking import read_asked
+from station.line.asking import read_asked, refusal_in_words
 from station.line.handshake import Event, Handshake
 from station.line.wire import (
     DEFAULT_OPTIONS,
@@ -115,7 +115,7 @@ class StationLine:
         self._blank = blank_frames(database)
         self._live: dict[str, tuple[LiveAngles, float]] = {}
         self._refusal, self._refused_sequence = ErrorCode.NONE, 0
-        self._said = Coalesced[int](_LOG.log, clock)
+        self._said = Coalesced[tuple[int, str]](lambda kind, text: _LOG.log(kind[0], "%s", text), clock)
         self._link_up = False
         self._heartbeat = self._alive_counter = self._faults = 0
         self._prepared_s = 0.0
@@ -303,8 +303,9 @@ class StationLine:
             if self._reset_pending:
                 return
             self._handshake.refuse(sequence, code)
-            self._trigger = None
-            self._note_refusal(sequence, code)
+            trigger, self._trigger = self._trigger, None
+            command = CommandCode.PREPARE if trigger is None else CommandCode.START
+            self._note_refusal(sequence, code, refusal_in_words(command, sequence, code, trigger))
             self._send_status()
             self._send_answer()
 
@@ -345,7 +346,7 @@ class StationLine:
         heard = self._link.heard_s("Command")
         if self._link_up and (heard is None or now - heard > self._timeout_s):
             self._link_up = False
-            self._said.say(logging.WARNING, f"controller lost: no good Command for {self._timeout_s:g} s")
+            self._say(logging.WARNING, "lost", f"controller lost: no good Command for {self._timeout_s:g} s")
             self._link.forget()
             self._vin.clear()
             self._happened(Event.LINK_LOST)
@@ -439,7 +440,7 @@ class StationLine:
     def _receive_command(self, values: dict[str, Value]) -> None:
         if not self._link_up:
             self._link_up = True
-            self._said.say(logging.INFO, "controller is heard")
+            self._say(logging.INFO, "heard", "controller is heard")
             # With the next cyclic ones its counters of all messages are in step.
             self._due.pop("VehicleResult", None)
             self._sent(self._results or self._blank)
@@ -448,7 +449,8 @@ class StationLine:
         try:
             code = CommandCode(str(values["Code"]))
         except ValueError:
-            self._note_refusal(sequence, ErrorCode.UNKNOWN_COMMAND)
+            why = ErrorCode.UNKNOWN_COMMAND
+            self._note_refusal(sequence, why, refusal_in_words(f"command {values['Code']},", sequence, why))
             self._send_status()
             return
         before = self._handshake.state, self._handshake.reply
@@ -460,7 +462,9 @@ class StationLine:
         reply = self._handshake.reply
         if before == (self._handshake.state, reply) and command is None:
             return
-        self._note_refusal(reply.sequence, reply.refusal)
+        start = asked if code is CommandCode.START else None
+        text = refusal_in_words(code, reply.sequence, reply.refusal, start)
+        self._note_refusal(reply.sequence, reply.refusal, text)
         self._send_status()
         self._send_answer()
 
@@ -481,6 +485,12 @@ class StationLine:
             self._results = []
         self._commands.put(command)
 
-    def _note_refusal(self, sequence: int, code: ErrorCode) -> None:
-        self._refusal = code
-        self._refused_sequence = sequence if code is not ErrorCode.NONE else 0
+    def _note_refusal(self, sequence: int, code: ErrorCode, text: str) -> None:
+        refused = code is not ErrorCode.NONE
+        # An unknown command stands in every frame, until the controller thinks better of it.
+        if refused and (code, sequence) != (self._refusal, self._refused_sequence):
+            self._say(logging.WARNING, str(code), text)
+        self._refusal, self._refused_sequence = code, sequence if refused else 0
+
+    def _say(self, level: int, kind: str, text: str) -> None:
+        self._said.say((level, kind), text)

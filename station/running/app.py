@@ -7,12 +7,16 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
+from alignment.counting import count_of
 from station.configuration import Configuration, read_configuration
-from station.cycle import CycleReport, Observer, StationState
-from station.running.composition import OpenStation, open_station
+from station.cycle import CycleReport, Observer, StationState, Status, missed_in_words
+from station.line.tools import SLCAN_OPTIONS, Cable
+from station.line.wire import ONE_PROCESS, BusSettings
+from station.running.composition import OpenStation, bus_settings, open_station
 from station.warm_up import StoppedError
 
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
@@ -31,20 +35,32 @@ class _Log(Observer):
 
     def cycle_done(self, report: CycleReport) -> None:
         trigger, record = report.trigger, report.record
+        missed = [angle for angle in report.evaluation.angles if angle.status is Status.NOK]
+        why = "; ".join([*filter(None, [record.reason_text]), *map(missed_in_words, missed)])
         _LOG.info(
             "start %d, VIN %s: %s%s, line was told %s",
             trigger.sequence,
             trigger.vin,
             record.outcome,
-            f" ({record.reason_text})" if record.reason_text else "",
+            f" ({why})" if why else "",
             report.told or "nothing",
         )
 
 
-def run_station(config: Path, stopping: threading.Event | None = None) -> None:
+def run_station(config: Path, stopping: threading.Event | None = None, plug: Path | None = None) -> None:
     """Run the station until a signal ends it in order, or until `stopping` is set; see `stop_on_signals`.
 
     A cycle under way is finished, and results that nobody acknowledged are held for the next start.
+
+    Parameters
+    ----------
+    config
+        The station's file.
+    stopping
+        Ends it.
+    plug
+        Instead of the configured bus the station is on one end of a cable, and another program of this
+        computer finds the other end, for the interface ``slcan``, under this name.
 
     Raises
     ------
@@ -55,21 +71,45 @@ def run_station(config: Path, stopping: threading.Event | None = None) -> None:
     try:
         with stop_on_signals(stopping):
             configuration = read_configuration(config)
-            with open_station(configuration, _Log(), stopping) as station:
-                _serve(configuration, station, stopping)
+            with (
+                _end_of_the_bus(configuration, plug) as bus,
+                open_station(configuration, _Log(), stopping, bus) as station,
+            ):
+                _serve(configuration, station, bus, plug, stopping)
     except StoppedError:
         _LOG.info("told to end before it was ready")
     _LOG.info("stopped")
 
 
-def _serve(configuration: Configuration, station: OpenStation, stopping: threading.Event) -> None:
-    settings = configuration.settings
+@contextmanager
+def _end_of_the_bus(configuration: Configuration, plug: Path | None) -> Iterator[BusSettings]:
+    settings = bus_settings(configuration)
+    if plug is None:
+        yield settings
+        return
+    with Cable(plug) as cable:
+        yield replace(settings, interface="slcan", channel=cable.ends[0], options=SLCAN_OPTIONS)
+
+
+def _serve(
+    configuration: Configuration,
+    station: OpenStation,
+    bus: BusSettings,
+    plug: Path | None,
+    stopping: threading.Event,
+) -> None:
+    if bus.interface == ONE_PROCESS:
+        _LOG.warning(
+            "line %s %s is in this process only, no PLC can reach it: configure the interface of a bus, or "
+            "start the station with a cable",
+            bus.interface,
+            bus.channel,
+        )
     _LOG.info(
-        "%s is ready: %d rigs, line %s %s",
-        settings.station.name,
-        len(station.positions),
-        settings.line.interface,
-        settings.line.channel,
+        "%s is ready: %s, line %s",
+        configuration.settings.station.name,
+        count_of(len(station.positions), "rig"),
+        f"{bus.interface} {bus.channel}" if plug is None else f"at the other end of the cable {plug}",
     )
     station.cycle.serve(stopping)
     _LOG.info("line at the end: %s", station.line.health)

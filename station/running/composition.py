@@ -75,6 +75,7 @@ def open_station(
     configuration: Configuration,
     observer: Observer | None = None,
     stopping: threading.Event | None = None,
+    bus_end: BusSettings | None = None,
 ) -> Iterator[OpenStation]:
     """Open cameras, database and line, and load what a measurement needs; closed again at the end.
 
@@ -88,6 +89,8 @@ def open_station(
         Watches the cycle.
     stopping
         Ends the compiling early.
+    bus_end
+        The station's end of the bus instead of the configured one.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def open_station(
             stack.callback(rig.close)
             attempt(rig.connect)
         store = attempt(lambda: stack.enter_context(open_store(configuration)))
-        bus = attempt(lambda: stack.enter_context(open_bus(bus_settings(configuration))))
+        bus = attempt(lambda: stack.enter_context(open_bus(bus_end or bus_settings(configuration))))
         if failures:
             raise _together(failures)
         assert database is not None

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from alignment.counting import count_of
+
 # A thread that fails again and again is told of once in so long, with the count.
 TOLD_EVERY_S = 60.0
 
@@ -50,7 +52,8 @@ class ThreadHealth:
 
     def __str__(self) -> str:
         state = "runs on" if self.alive else "has ended"
-        return f"the thread '{self.name}' {state}; {self.failures} failures, the last {self.last_error}"
+        last = "" if self.last_error is None else f", the last: {self.last_error}"
+        return f"the thread '{self.name}' {state}; {count_of(self.failures, 'failure')}{last}"
 
 
 class ThreadWatch:

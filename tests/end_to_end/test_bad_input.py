@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from sensors.formats import read_image, write_image
+from station.line.tools.cable import Cable
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
 
 Damage = Callable[[Path], None]
@@ -226,7 +227,9 @@ def test_damaged_log_and_silent_line_are_named(truewheel: Truewheel, configs: Pa
     assert ended.status == 2
     assert str(log) in ended.err
     assert truewheel("line", "monitor", tmp_path / "none.log", "--config", config).status == 2
-    assert truewheel("line", "plc", "--vin", "TWDEMX00000000001", "--config", config).status == 3
+    with Cable() as cable:
+        silent = ("--interface", "slcan", "--channel", cable.ends[0], "--config", config)
+        assert truewheel("line", "plc", "--vin", "TWDEMX00000000001", *silent).status == 3
 
 
 def test_truth_is_never_read_by_the_measurement(truewheel: Truewheel, wheel: Path) -> None:
@@ -241,5 +244,7 @@ def test_shipped_configuration_is_found_beside_the_program(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert (CONFIGS / "station.toml").is_file()
-    ended = truewheel("line", "monitor", "--seconds", "0.1", "--json")
+    with Cable() as cable:
+        bus = ("--interface", "slcan", "--channel", cable.ends[0])
+        ended = truewheel("line", "monitor", "--seconds", "0.1", "--json", *bus)
     assert (ended.status, ended.json) == (0, {"frames": [], "errors": 0})

@@ -83,6 +83,40 @@ def test_monitor_converts_logs_and_marks_errors(truewheel: Truewheel, tmp_path: 
         assert truewheel("line", "monitor", copy, *CONFIG, "--json").json["errors"] == 1
 
 
+def test_monitor_shows_changes_of_the_messages_that_are_asked_for(
+    truewheel: Truewheel, tmp_path: Path
+) -> None:
+    log = tmp_path / "traffic.log"
+    frames = (f"({k}.000000) can0 110#{k:02X}0000000000000" + "0" for k in range(3))
+    log.write_text("\n".join([*frames, "(4.000000) can0 120#0000000000000000"]) + "\n")
+    ended = truewheel("line", "monitor", log, "--message", "command", *CONFIG)
+    assert len(ended.out.splitlines()) == 1, "three times the same"
+    assert " Status " not in ended.out
+    assert "4 frames" in ended.err
+    ended = truewheel("line", "monitor", log, "--message", "command", "--all", "--counters", *CONFIG)
+    assert [line.split("E2eCrc=")[1][0] for line in ended.out.splitlines()] == ["0", "1", "2"]
+    assert len(truewheel("line", "monitor", log, *CONFIG, "--json").json["frames"]) == 4
+    assert (
+        len(truewheel("line", "monitor", log, "--message", "status", *CONFIG, "--json").json["frames"]) == 1
+    )
+    ended = truewheel("line", "monitor", log, "--message", "Statsu", *CONFIG)
+    assert (ended.status, ended.out) == (2, "")
+    assert "field '--message'" in ended.err
+
+
+@pytest.mark.parametrize("verb", [("monitor",), ("check",), ("plc", "--vin", "WVWZZZ1KZAW123456")])
+@pytest.mark.parametrize("more", [(), ("--interface", "virtual"), ("--channel", "another")])
+def test_a_channel_of_this_process_alone_is_refused_with_what_to_do(
+    truewheel: Truewheel, verb: tuple[str, ...], more: tuple[str, ...]
+) -> None:
+    """It waited for a station that could never hear it, and then said that there was none."""
+    ended = truewheel("line", *verb, *more, *CONFIG)
+    assert ended.status == 2
+    assert "in one process only" in ended.err
+    assert "`truewheel run --cable out/plc`" in ended.err
+    assert ("--simulated" in ended.err) == (verb[0] != "monitor")
+
+
 def test_document_command_writes_what_is_delivered(truewheel: Truewheel, tmp_path: Path) -> None:
     out = tmp_path / "line.md"
     assert truewheel("line", "document", "--out", out, *CONFIG).status == 0

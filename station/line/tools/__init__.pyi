@@ -3,6 +3,7 @@ from .cable import Cable as Cable
 from .conformance import check_station as check_station
 from .document import interface_document as interface_document
 from .logs.reading import read_log as read_log
+from .monitor import DecodedFrame as DecodedFrame
 from .monitor import decode_log as decode_log
 from .monitor import decoded as decoded
 from .monitor import live_frames as live_frames
@@ -13,3 +14,6 @@ from .scenarios import read_scenarios as read_scenarios
 from .trial import PointVerdict as PointVerdict
 from .trial import Trial as Trial
 from .trial import Vehicles as Vehicles
+from .view import ChangeView as ChangeView
+from .view import VehicleView as VehicleView
+from .view import chosen_messages as chosen_messages

@@ -170,10 +170,11 @@ TOOLS = """
 ## Buses and tools
 
 The station's `[line]` table names interface, channel, bitrate and further options as python-can knows
-them: socketcan, pcan, vector, kvaser, ixxat, slcan, remote, … Without hardware, `truewheel line cable`
-joins two serial devices back to back; `interface = "slcan"` with `options = { sleep_after_open = 0.0 }`
-opens one end in each of two programs. An adapter that is unplugged, off the bus, or takes no frame for 2 s is
-opened again until it answers, after pauses that grow from 0.1 s to 5 s.
+them: socketcan, pcan, vector, kvaser, ixxat, slcan, remote, … A channel of
+`virtual` is in one process only: no PLC reaches it. Without hardware, `truewheel run --cable NAME` puts the
+station on one of two serial devices joined back to back, and `--interface slcan --channel NAME` opens the
+other in another program; `truewheel line cable` only joins two. An adapter that is unplugged, off the
+bus, or takes no frame for 2 s is opened again until it answers, after pauses that grow from 0.1 s to 5 s.
 
 With `line.log` the station writes all traffic to a file; ones that are full are put aside and the oldest are
 given up (`line.log_mb`, `line.log_files`), so that a restart erases nothing and the disk does not fill.
@@ -184,7 +185,8 @@ given up (`line.log_mb`, `line.log_files`), so that a restart erases nothing and
 `--simulated` on one of its own |
 | `truewheel line plc --vin VIN` | plays the PLC for some vehicles |
 | `truewheel line plc --scenario configs/line-scenarios.toml` | plays good and bad days |
-| `truewheel line monitor` | shows decoded traffic, errors marked; reads and writes candump, ASC \
-and BLF |
+| `truewheel line monitor` | shows decoded traffic as it changes, errors marked; reads and writes \
+candump, ASC and BLF |
+| `truewheel line monitor --cycles` | shows one line for each start: VIN, result, times |
 | `truewheel line cable` | joins two serial devices back to back |
 """

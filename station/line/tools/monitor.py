@@ -166,17 +166,38 @@ class CycleTrace:
         return complete and not self.out_of_order
 
 
-def trace_cycles(frames: Iterable[DecodedFrame]) -> list[CycleTrace]:
-    """Follow every start command through its frames; the order of the frames counts, not their times."""
-    cycles: list[CycleTrace] = []
-    for frame in frames:
-        sequence = frame.values.get("Sequence")
-        current = cycles[-1] if cycles and cycles[-1].sequence == sequence else None
+class CycleFollower:
+    """Follows the newest start command through its frames; their order counts, not their times.
+
+    Attributes
+    ----------
+    current
+        The newest start; None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.current: CycleTrace | None = None
+
+    def take(self, frame: DecodedFrame) -> bool:
+        """Take the next frame; true when another start begins with it."""
+        current = self.current
+        same = current is not None and current.sequence == frame.values.get("Sequence")
         if frame.name == "Command" and frame.values.get("Code") == "start":
-            if current is None or current.acknowledged_s is not None:
-                cycles.append(CycleTrace(int(frame.values["Sequence"]), frame.time_s))
-        elif current is not None:
+            if current is None or not same or current.acknowledged_s is not None:
+                self.current = CycleTrace(int(frame.values["Sequence"]), frame.time_s)
+                return True
+        elif current is not None and same:
             _follow(current, frame)
+        return False
+
+
+def trace_cycles(frames: Iterable[DecodedFrame]) -> list[CycleTrace]:
+    """Follow every start command through its frames, as `CycleFollower` does."""
+    cycles: list[CycleTrace] = []
+    follower = CycleFollower()
+    for frame in frames:
+        if follower.take(frame) and follower.current is not None:
+            cycles.append(follower.current)
     return cycles
 
 

@@ -2,6 +2,7 @@ from .bus import LineBus as LineBus
 from .bus import open_bus as open_bus
 from .bus_log import LOG_ENDINGS as LOG_ENDINGS
 from .bus_log import open_log as open_log
+from .channel import ONE_PROCESS as ONE_PROCESS
 from .channel import BusSettings as BusSettings
 from .channel import Channel as Channel
 from .channel import require_interface as require_interface

@@ -13,6 +13,7 @@ from typing import Self
 import can
 from can.io.generic import MessageWriter
 
+from alignment.counting import count_of
 from alignment.errors import ConfigurationError, LineConnectionError
 from station.cycle import Coalesced
 from station.line.wire.adapters import FOREIGN, said
@@ -61,6 +62,20 @@ class BusHealth:
     error_frames: int
     losses: int
     last_error: str | None
+
+    def __str__(self) -> str:
+        said = [f"{self.received} frames received", f"{self.sent} sent"]
+        counts = {
+            "failure": self.receive_failures + self.send_failures + self.log_failures,
+            "error frame": self.error_frames,
+            "loss": self.losses,
+        }
+        said += [
+            count_of(count, name, "losses" if name == "loss" else None)
+            for name, count in counts.items()
+            if count
+        ]
+        return ", ".join(said) + (f", the last: {self.last_error}" if self.last_error else "")
 
 
 class LineBus:

@@ -15,6 +15,9 @@ import can
 from alignment.errors import ConfigurationError
 from station.line.wire.adapters import FOREIGN, unopened
 
+ONE_PROCESS = "virtual"
+"""The interface whose channels end with the process: no other program can be on one."""
+
 
 @dataclass(frozen=True)
 class BusSettings:
@@ -23,7 +26,7 @@ class BusSettings:
     Attributes
     ----------
     interface
-        Name of a python-can interface: ``virtual`` (one process), ``socketcan``, ``pcan``, ``vector``, …
+        Name of a python-can interface: `ONE_PROCESS` (``virtual``), ``socketcan``, ``pcan``, ``vector``, …
     channel
         Its channel; for ``virtual`` any name that both ends share.
     bitrate
@@ -36,7 +39,7 @@ class BusSettings:
         Size at which a new file of the log is begun, and how many are kept, the current one included.
     """
 
-    interface: str = "virtual"
+    interface: str = ONE_PROCESS
     channel: str = "truewheel"
     bitrate: int = 500_000
     log: Path | None = None
@@ -92,7 +95,7 @@ class Channel:
         self.release()
         device = self._settings.channel.partition("@")[0]
         path = Path(device)
-        if not path.is_absolute() or not path.exists() or not stat.S_ISCHR(path.stat().st_mode):
+        if not path.exists() or not stat.S_ISCHR(path.stat().st_mode):
             return
         claim = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:

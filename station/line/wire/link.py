@@ -9,6 +9,7 @@ from typing import Literal
 
 import can
 
+from alignment.counting import count_of
 from alignment.errors import InputError
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, Value
@@ -39,6 +40,16 @@ class LinkHealth:
     wrong_counter: int = 0
     unsettled: int = 0
     malformed: int = 0
+
+    def __str__(self) -> str:
+        counts = {
+            "with a wrong CRC": self.wrong_crc,
+            "with a wrong counter": self.wrong_counter,
+            "before the counter was known": self.unsettled,
+            "malformed": self.malformed,
+        }
+        bad = [f"{count} {name}" for name, count in counts.items() if count]
+        return ", ".join([f"{count_of(self.good, 'good frame')} of the controller", *bad])
 
 
 class ProtectedLink:

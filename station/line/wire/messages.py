@@ -97,6 +97,13 @@ class LineStatus:
     error_sequence: int
     handshake: HandshakeState = HandshakeState.STARTING
 
+    def __str__(self) -> str:
+        flags = {"ready": self.ready, "busy": self.busy, "results valid": self.done, "fault": self.fault}
+        said = [name for name, true in flags.items() if true]
+        if self.error_code is not ErrorCode.NONE:
+            said.append(f"{self.error_code} of {self.error_sequence}")
+        return f"{', '.join([str(self.handshake), *said])}; cycle {self.state}, number {self.sequence}"
+
 
 @dataclass(frozen=True)
 class CommandAnswer:
@@ -109,6 +116,11 @@ class CommandAnswer:
     link_up: bool
     heartbeat: int
 
+    def __str__(self) -> str:
+        why = "" if self.error_code is ErrorCode.NONE else f" with {self.error_code}"
+        heard = "" if self.link_up else ", controller not heard"
+        return f"{self.code} {self.sequence} {self.answer}{why}{heard}"
+
 
 @dataclass(frozen=True)
 class StationInfo:
@@ -117,3 +129,7 @@ class StationInfo:
     interface: tuple[int, int]
     software: tuple[int, int, int]
     boot: int
+
+    def __str__(self) -> str:
+        interface, software = (".".join(map(str, numbers)) for numbers in (self.interface, self.software))
+        return f"interface {interface}, software {software}"

@@ -44,3 +44,7 @@ class LineHealth:
     cyclic_alive: bool
     cyclic_failures: int
     faults: int
+
+    def __str__(self) -> str:
+        heard = "controller heard" if self.link_up else "controller not heard"
+        return f"{heard}; {self.bus}; {self.link}"
