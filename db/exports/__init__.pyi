@@ -1,5 +1,17 @@
 from .aqdef import write_aqdef as write_aqdef
 from .certificate import write_vehicle_certificate as write_vehicle_certificate
+from .drawing import BAD as BAD
+from .drawing import GOOD as GOOD
+from .drawing import MINUS as MINUS
+from .drawing import MUTED as MUTED
+from .drawing import PAGE_WIDTH_IN as PAGE_WIDTH_IN
+from .drawing import REFERENCE as REFERENCE
+from .drawing import SERIES as SERIES
+from .drawing import WARNING as WARNING
+from .drawing import in_style as in_style
+from .drawing import legend_outside as legend_outside
+from .drawing import signed as signed
+from .drawing import whole_numbers as whole_numbers
 from .fonts import picture_text as picture_text
 from .pdf import Document as Document
 from .rows import AngleRow as AngleRow

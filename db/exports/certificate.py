@@ -11,6 +11,7 @@ from uuid import UUID
 from matplotlib.figure import Figure
 
 from alignment.errors import InputError
+from db.exports.drawing import BAD, GOOD, MINUS, PAGE_WIDTH_IN, REFERENCE, SERIES, in_style, signed
 from db.exports.fonts import picture_text
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
@@ -68,13 +69,12 @@ def write_vehicle_certificate(
     document.rows(
         ("angle", "value ± expanded uncertainty", "lower limit", "upper limit", "verdict"),
         [_angle(row) for row in rows],
-        widths=(34, 26, 13, 13, 14),
     )
     reasons = [
         (_name(row), row.reason_text or row.reason_code or "") for row in rows if row.verdict in _EXPLAINED
     ]
     if reasons:
-        document.rows(("angle", "why it is not ok"), reasons, widths=(34, 66))
+        document.rows(("angle", "why it is not ok"), reasons)
     if any(row.value_deg is not None and row.low_deg is not None for row in rows):
         document.picture(tolerance_picture(rows))
     document.paragraph(
@@ -92,6 +92,7 @@ def write_vehicle_certificate(
     return record.uuid
 
 
+@in_style
 def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
     """Where each judged angle lies between its limits; bars are expanded uncertainties."""
     judged = [
@@ -99,12 +100,12 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
         for row in rows
         if row.value_deg is not None and row.low_deg is not None and row.high_deg is not None
     ]
-    figure = Figure(figsize=(8, 0.3 * len(judged) + 1.0), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 0.22 * len(judged) + 0.8), layout="constrained")
     ax = figure.subplots()
-    ax.axvspan(-1, 1, color="tab:green", alpha=0.12)
+    ax.axvspan(-1, 1, color=GOOD, alpha=0.1)
     for line in (-1, 1):
-        ax.axvline(line, color="tab:red", linewidth=1)
-    ax.axvline(0, color="0.7", linewidth=0.8)
+        ax.axvline(line, color=BAD)
+    ax.axvline(0, color=REFERENCE, linewidth=0.6)
     for number, (row, value, low, high) in enumerate(judged):
         half = (high - low) / 2
         at = (value - (high + low) / 2) / half
@@ -114,7 +115,7 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
         outside = row.verdict == AngleVerdict.NOK
         ax.errorbar(
             shown, number, xerr=min(width, 2.0), fmt="D" if outside else "o",
-            color="tab:red" if outside else "tab:blue", capsize=3,
+            color=BAD if outside else SERIES[0], capsize=3,
         )  # fmt: skip
     ax.set(
         yticks=range(len(judged)),
@@ -123,6 +124,7 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
         xticks=(-1, 0, 1),
         xticklabels=("lower limit", "middle", "upper limit"),
     )
+    ax.grid(visible=False)
     ax.invert_yaxis()
     return figure
 
@@ -155,7 +157,6 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
             )
             for wheel in record.wheels
         ],
-        widths=(14, 9, 20, 28, 9, 10, 20),
     )
     used = {wheel.calibration_id for wheel in record.wheels}
     checks = [check for check in history.checks if check.calibration_id in used]
@@ -167,7 +168,6 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
                 (_time(c.utc), c.calibration_id, str(c.kind).replace("_", " "), f"{c.outcome}: {c.reason}")
                 for c in checks[-12:]
             ],
-            widths=(20, 24, 16, 40),
         )
     zero_ids = [wheel.zero_measurement_id for wheel in record.wheels if wheel.zero_measurement_id]
     zeros = [history.zeros[zero_id] for zero_id in zero_ids if zero_id in history.zeros]
@@ -178,8 +178,8 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
             [
                 (
                     _time(zero.record.measured_utc), zero.record.rig, zero.record.master,
-                    f"{math.degrees(zero.record.camber - zero.record.certified_camber):+.4f}°, "
-                    f"{math.degrees(zero.record.toe - zero.record.certified_toe):+.4f}°",
+                    f"{signed(math.degrees(zero.record.camber - zero.record.certified_camber), 4)}°, "
+                    f"{signed(math.degrees(zero.record.toe - zero.record.certified_toe), 4)}°",
                 )
                 for zero in zeros
             ],
@@ -189,7 +189,6 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
         document.rows(
             ("time", "kind", "text"),
             [(_time(e.utc), f"{e.severity} {e.code}", e.text) for e in history.events[:20]],
-            widths=(22, 22, 56),
         )
     if len(history.cycles) > 1:
         document.heading("All cycles of this vehicle")
@@ -199,7 +198,6 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
                 (_time(c.record.received_utc), c.record.station, str(c.record.outcome), str(c.record.uuid))
                 for c in history.cycles
             ],
-            widths=(24, 22, 14, 40),
         )
 
 
@@ -207,9 +205,11 @@ def _angle(row: AngleRow) -> tuple[str, str, str, str, str]:
     if row.value_deg is None:
         return _name(row), "–", "", "", row.verdict
     u = "" if row.u95_deg is None else f" ± {row.u95_deg:.4f}"
-    limits = ("" if limit is None else f"{limit:.4f}" for limit in (row.low_deg, row.high_deg))
+    limits = (
+        "" if limit is None else f"{limit:.4f}".replace("-", MINUS) for limit in (row.low_deg, row.high_deg)
+    )
     low, high = limits
-    return _name(row), f"{row.value_deg:+.4f}{u}", low, high, row.verdict
+    return _name(row), f"{signed(row.value_deg, 4)}{u}", low, high, row.verdict
 
 
 def _calibration(history: VinHistory, identity: str | None) -> str:

@@ -12,6 +12,7 @@ from matplotlib.patches import Circle
 from alignment.arrays import Array
 from alignment.calibration import Adjustment, NominalWheel, point_covariance
 from alignment.values import HeadCalibration, RigCalibration
+from db.exports import BAD, REFERENCE, SERIES, in_style, legend_outside
 
 DEPTHS_MM = (-30.0, 0.0, 30.0)
 """Heights over the rig's plane at which the measuring volume is mapped, millimetres."""
@@ -20,6 +21,7 @@ _ARROW = 0.06  # length of a typical arrow over the width of its picture
 _DPI = 110
 
 
+@in_style
 def residual_vectors(adjustment: Adjustment) -> Figure:
     """Residual vectors of every camera over its image, magnified; observations without weight in red."""
     figure, axes = _per_camera(adjustment)
@@ -30,27 +32,29 @@ def residual_vectors(adjustment: Adjustment) -> Figure:
     for k, (key, ax) in enumerate(zip(adjustment.data.cameras, axes, strict=True)):
         width, _ = adjustment.data.sizes[key]
         magnified = _round_down(_ARROW * width / max(typical, 1e-9))
-        for rows, colour in ((strong, "tab:blue"), (~strong, "tab:red")):
+        for rows, colour in ((strong, SERIES[0]), (~strong, BAD)):
             mine = rows & (adjustment.camera == k)
             _arrows(ax, adjustment.pixels[mine], adjustment.residuals[mine] * magnified, colour)
         mine = strong & (adjustment.camera == k)
         rms = float(np.sqrt(np.square(adjustment.residuals[mine]).sum(axis=1).mean())) if mine.any() else 0.0
-        ax.set_title(f"{' '.join(key)}: {rms:.4f} px RMS, arrows × {magnified:g}", fontsize=9)
+        ax.set_title(f"{' '.join(key)}: {rms:.4f} px RMS, arrows × {magnified:g}")
     return figure
 
 
+@in_style
 def image_coverage(adjustment: Adjustment) -> Figure:
     """Where the marks of each view lie in each image."""
     figure, axes = _per_camera(adjustment)
     for k, (key, ax) in enumerate(zip(adjustment.data.cameras, axes, strict=True)):
         for v, view in enumerate(adjustment.data.views):
             x, y = adjustment.pixels[(adjustment.camera == k) & (adjustment.view == v)].T
-            ax.plot(x, y, ".", markersize=3, color=f"C{v % 10}", label=view.name)
-        ax.set_title(f"{' '.join(key)}: {int((adjustment.camera == k).sum())} marks", fontsize=9)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8, markerscale=3)
+            ax.plot(x, y, ".", markersize=3, color=SERIES[v % len(SERIES)], label=view.name)
+        ax.set_title(f"{' '.join(key)}: {int((adjustment.camera == k).sum())} marks")
+    legend_outside(figure, columns=1, where="outside right upper")
     return figure
 
 
+@in_style
 def volume_coverage(adjustment: Adjustment, wheel: NominalWheel) -> Figure:
     """Where the marks lie in the rig frame, from the front and from the side, with the nominal wheel."""
     figure = Figure(figsize=(10, 5), layout="constrained", dpi=_DPI)
@@ -58,18 +62,21 @@ def volume_coverage(adjustment: Adjustment, wheel: NominalWheel) -> Figure:
     for v, pose in enumerate(adjustment.rig_from_plate):
         rows = np.unique(adjustment.mark[adjustment.view == v])
         x, y, z = pose.apply(adjustment.data.plate.points[rows]).T
-        front.plot(x, y, ".", markersize=2, color=f"C{v % 10}", label=adjustment.data.views[v].name)
-        side.plot(z, y, ".", markersize=2, color=f"C{v % 10}")
+        front.plot(
+            x, y, ".", markersize=2, color=SERIES[v % len(SERIES)], label=adjustment.data.views[v].name
+        )
+        side.plot(z, y, ".", markersize=2, color=SERIES[v % len(SERIES)])
     _draw_wheel(front, wheel)
     for sign in (-1.0, 1.0):
         radius = np.linspace(wheel.inner_mm, wheel.outer_mm)
-        side.plot(wheel.height(radius), sign * radius, color="0.4", linewidth=1)
+        side.plot(wheel.height(radius), sign * radius, color=REFERENCE, linewidth=1)
     front.set(title="from outboard", xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     side.set(title="from the side", xlabel="z, outboard [mm]", ylabel="y [mm]")
-    front.legend(fontsize=8, markerscale=4)
+    legend_outside(figure, columns=1, where="outside right upper")
     return figure
 
 
+@in_style
 def uncertainty_map(calibration: RigCalibration, wheel: NominalWheel) -> Figure:
     """Standard uncertainty along z of measured points over the measuring volume, from the calibration alone.
 
@@ -96,6 +103,7 @@ def uncertainty_map(calibration: RigCalibration, wheel: NominalWheel) -> Figure:
     return figure
 
 
+@in_style
 def mark_corrections(adjustment: Adjustment) -> Figure:
     """How far the adjustment moved each seen mark of the plate: arrows in the plate, colour for height."""
     figure = Figure(figsize=(7, 6), layout="constrained", dpi=_DPI)
@@ -104,7 +112,7 @@ def mark_corrections(adjustment: Adjustment) -> Figure:
     points, moved = adjustment.data.plate.points[rows], adjustment.mark_correction_mm[rows]
     width = float(np.ptp(points[:, 0])) or 1.0
     magnified = _round_down(0.5 * _ARROW * width / max(float(np.sqrt(np.square(moved[:, :2]).mean())), 1e-9))
-    _arrows(ax, points[:, :2], moved[:, :2] * magnified, "0.3")
+    _arrows(ax, points[:, :2], moved[:, :2] * magnified, REFERENCE)
     painted = ax.scatter(points[:, 0], points[:, 1], c=1000.0 * moved[:, 2], s=10, cmap="coolwarm")
     figure.colorbar(painted, label="height [µm]")
     ax.set(title=f"arrows × {magnified:g}", xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
@@ -122,7 +130,8 @@ def _per_camera(adjustment: Adjustment) -> tuple[Figure, list[Axes]]:
     for key, ax in zip(keys, axes, strict=False):
         width, height = adjustment.data.sizes[key]
         ax.set(xlim=(0, width - 1), ylim=(height - 1, 0), aspect="equal")
-        ax.tick_params(labelsize=7)
+        ax.set_xlabel("u [px]")
+        ax.set_ylabel("v [px]")
     return figure, axes[: len(keys)]
 
 
@@ -139,7 +148,7 @@ def _round_down(value: float) -> float:
 
 def _draw_wheel(ax: Axes, wheel: NominalWheel) -> None:
     for radius in (wheel.inner_mm, wheel.outer_mm):
-        ax.add_patch(Circle((0.0, 0.0), radius, fill=False, color="0.4", linewidth=1))
+        ax.add_patch(Circle((0.0, 0.0), radius, fill=False, color=REFERENCE, linewidth=1))
     margin = 1.1 * wheel.outer_mm
     ax.set(xlim=(-margin, margin), ylim=(-margin, margin))
 

@@ -180,6 +180,7 @@ def show(
 ) -> None:
     """Show the names that reports and exports can be asked for: stations, types, VINs, characteristics, …"""
     from db.queries import ResultReader, known_names
+    from station.quality import print_names, terminal
 
     with ResultReader(database) as reader:
         known = known_names(reader, newest)
@@ -194,9 +195,10 @@ def show(
     if as_json:
         print_json({kind: list(those) for kind, those in names.items()})
         return
+    console = terminal()
     for kind, those in names.items():
         title = f"newest {len(those)} VINs" if kind == "vins" else kind.replace("_", " ")
-        typer.echo(f"{title}: {', '.join(those) or 'none'}")
+        print_names(console, title, those)
 
 
 @db_app.command()

@@ -420,14 +420,14 @@ def _finish(report: GaugeReport, source: GaugeSource, out: Path | None, as_json:
 
 
 def _show(report: GaugeReport, source: GaugeSource, files: list[Path]) -> None:
-    from station.quality import figure_table, table, terminal
+    from station.quality import figure_rows, print_table, terminal
 
     console = terminal()
     console.print(f"{report.summary} {source.name}", markup=False, highlight=False)
-    console.print(table(report.result.rows[:_LONGEST_TABLE]))
+    print_table(console, report.result.rows[:_LONGEST_TABLE])
     if len(report.result.rows) > _LONGEST_TABLE:
         console.print(f"… {len(report.result.rows) - _LONGEST_TABLE} more rows; --out writes them all")
-    console.print(figure_table(report.result))
+    print_table(console, figure_rows(report.result))
     console.print(report.result.text, markup=False, highlight=False)
     if files:
         console.print(f"wrote {', '.join(str(file) for file in files)}", soft_wrap=True, highlight=False)

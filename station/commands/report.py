@@ -110,18 +110,20 @@ def report(
 
 
 def _show(found: Report, out: Path | None) -> None:
-    from station.quality import shown, table, terminal
+    from station.quality import heading, print_table, shown, terminal
 
     console = terminal()
     console.print(f"{found.title}: {found.about}", markup=False, highlight=False)
     for section in found.sections:
         console.print(f"\n{section.title}", style="bold", markup=False, highlight=False)
         for name, value in section.figures.items():
-            console.print(f"  {name.replace('_', ' ')} = {shown(value)}", highlight=False)
+            console.print(f"  {heading(name)} = {shown(name, value)}", markup=False, highlight=False)
         names = section.brief or (list(section.rows[0]) if section.rows else [])
         rows = [{name: row[name] for name in names} for row in section.rows[:_LONGEST_TABLE]]
         if rows:
-            console.print(table(rows))
+            print_table(console, rows)
+        else:
+            console.print(section.empty, markup=False, highlight=False)
         if len(section.rows) > _LONGEST_TABLE:
             console.print(f"… {len(section.rows) - _LONGEST_TABLE} more rows; --json has all")
         if section.text:

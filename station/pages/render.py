@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 
 def page(room: str, template: str, **values: Any) -> str:
@@ -38,5 +39,11 @@ def _templates(room: str) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["words"] = lambda name: str(name).replace("_", " ")
+    environment.filters["css_text"] = _css_text
     return environment
+
+
+def _css_text(text: str) -> Markup:
+    """Text between the quotes of a style sheet: whatever is not a letter or a digit is told by its number."""
+    kept = (c if c.isalnum() and c.isascii() else f"\\{ord(c):x} " for c in text)
+    return Markup("".join(kept))

@@ -1,8 +1,11 @@
+from .cells import heading as heading
+from .cells import on_paper as on_paper
+from .cells import shown as shown
 from .periods import read_time as read_time
 from .selection import newest_vin as newest_vin
 from .selection import read_filter as read_filter
 from .selection import read_zone as read_zone
-from .text_tables import figure_table as figure_table
-from .text_tables import shown as shown
-from .text_tables import table as table
+from .text_tables import figure_rows as figure_rows
+from .text_tables import print_names as print_names
+from .text_tables import print_table as print_table
 from .text_tables import terminal as terminal

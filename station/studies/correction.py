@@ -20,6 +20,7 @@ from alignment.calibration import (
     standard_candidates,
 )
 from alignment.errors import ConfigurationError
+from db.exports import in_style, signed
 from station.figures import Goal, Progress, Row, Study, StudyResult
 
 FILE = "nonparallel_errors.csv"
@@ -148,6 +149,7 @@ def _row(axis: str, what: str, values: Array, model: ErrorModel | None) -> dict[
     }
 
 
+@in_style
 def _plot(points: Array, errors: Array, models: tuple[ErrorModel, ...]) -> Figure:
     figure = Figure(figsize=(10, 6.2), layout="constrained")
     axes: list[list[Axes]] = [list(row) for row in figure.subplots(2, 3, sharex=True, sharey=True)]
@@ -168,7 +170,7 @@ def _plot(points: Array, errors: Array, models: tuple[ErrorModel, ...]) -> Figur
             )
             state = "before" if line == 0 else f"after:\n{model.name}"
             at.set_title(
-                f"{'xyz'[column]} {state}\n{values.min():+.3f} to {values.max():+.3f} mm", fontsize=9
+                f"{'xyz'[column]} {state}\n{signed(values.min(), 3)} to {signed(values.max(), 3)} mm"
             )
             at.set_aspect("equal")
         figure.colorbar(image, ax=[row[column] for row in axes], label="mm")

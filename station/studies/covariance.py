@@ -27,6 +27,7 @@ from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle import camber_toe
 from alignment.wheel import fit_revolution
+from db.exports import in_style, legend_outside
 from sensors.simulation import RIG_SPECS, build_rig
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.simulated_views import STAGES, observe, square_plate
@@ -179,6 +180,7 @@ def _row(name: str, unit: str, values: Array, predicted: Array) -> Row:
     return {"of": name, "unit": unit, "scatter": scatter, "predicted": stated, "ratio": scatter / stated}
 
 
+@in_style
 def _plot(repeats: Repeats) -> Figure:
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     axes = figure.subplots(1, 2)
@@ -189,7 +191,8 @@ def _plot(repeats: Repeats) -> Figure:
         x = np.linspace(-4.0 * stated, 4.0 * stated, 200)
         at.plot(x, np.exp(-0.5 * (x / stated) ** 2) / (stated * math.sqrt(2.0 * math.pi)), label="predicted")
         at.set_xlabel(f"error of {name}, arcmin")
-        at.legend()
+        at.set_ylabel("density, 1/arcmin")
+    legend_outside(figure)
     return figure
 
 

@@ -18,6 +18,7 @@ from alignment.geometry import PosedCamera
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import HeadCalibration, MeasureSettings, RigCalibration, WheelMeasurement
+from db.exports import REFERENCE, in_style, legend_outside
 from sensors.simulation import SHAPES, draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
@@ -114,15 +115,17 @@ intervals of camber and toe hold the truth in {100 * inside.mean():.1f} %.
     return StudyResult(tuple(rows), figures, goals, text, {"coverage": _plot(ratios)})
 
 
+@in_style
 def _plot(ratios: Array) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     axes = figure.subplots()
     x = np.linspace(-4.0, 4.0, 200)
     for values, name in zip(ratios.T, ("camber", "toe"), strict=True):
         axes.hist(values, bins=np.linspace(-4.0, 4.0, 25).tolist(), density=True, alpha=0.5, label=name)
-    axes.plot(x, stats.norm.pdf(x), "k", lw=1, label="normal")
+    axes.plot(x, stats.norm.pdf(x), color=REFERENCE, label="normal")
     axes.set_xlabel("error / stated standard uncertainty")
-    axes.legend()
+    axes.set_ylabel("density")
+    legend_outside(figure)
     return figure
 
 

@@ -27,6 +27,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
+from db.exports import BAD, REFERENCE, in_style, legend_outside
 from sensors.simulation import SHAPES, Material, Obstacle, Sun, WheelScene, cable, draw_pose, draw_scene, lump
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mixtures import mixture_row, mixture_table, mixtures
@@ -362,6 +363,7 @@ def with_mixtures(result: StudyResult, rows: list[Row]) -> StudyResult:
     return replace(result, figures=figures, text=text)
 
 
+@in_style
 def _plot(kept: list[Row], errors: Array, stated: Array) -> Figure:
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
@@ -370,11 +372,11 @@ def _plot(kept: list[Row], errors: Array, stated: Array) -> Figure:
         if at.any():
             axes.loglog(stated[at].ravel(), np.abs(errors[at]).ravel(), "osv^<>Dph*"[index], ms=4, label=kind)
     ends = np.array([1e-3, 10.0])
-    axes.loglog(ends, SIGMAS * ends, "k--", lw=1, label="three stated")
-    axes.axhline(WORST_ARCMIN, color="r", lw=1)
+    axes.loglog(ends, SIGMAS * ends, "--", color=REFERENCE, lw=1, label="three stated")
+    axes.axhline(WORST_ARCMIN, color=BAD, lw=1, label=f"allowed, {WORST_ARCMIN:g}′")
     axes.set_xlabel("stated standard uncertainty, arcmin")
     axes.set_ylabel("|error|, arcmin")
-    axes.legend(fontsize=8)
+    legend_outside(figure)
     return figure
 
 

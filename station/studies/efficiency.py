@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from alignment.arrays import Array, Index
 from alignment.imaging import LightLines, extract_many
@@ -19,6 +20,7 @@ from alignment.stereo import StereoGeometry, epipolar_directions, match_heads
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings
 from alignment.wheel import RevolutionFit, fit_revolution, least_covariance
+from db.exports import REFERENCE, in_style, legend_outside
 from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import exposed, lights, study_rig
@@ -114,6 +116,7 @@ def _wheel_points(
     return points[inside], sigma[inside], rays[inside], spread[inside], line[inside], fit
 
 
+@in_style
 def _plot(tilts: Array, bound: Array) -> Figure:
     figure = Figure(figsize=(5, 4.4), layout="constrained")
     axes = figure.subplots()
@@ -122,14 +125,15 @@ def _plot(tilts: Array, bound: Array) -> Figure:
     axes.plot(
         2 * bound[0] / ARCMIN * np.cos(turn),
         2 * bound[1] / ARCMIN * np.sin(turn),
-        "k",
-        lw=1,
+        color=REFERENCE,
         label="2 σ, bound",
     )
     axes.set_xlabel("tilt e1, arcmin")
     axes.set_ylabel("tilt e2, arcmin")
     axes.set_aspect("equal")
-    axes.legend()
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    legend_outside(figure)
     return figure
 
 

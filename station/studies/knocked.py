@@ -29,6 +29,7 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
+from db.exports import in_style, legend_outside
 from sensors.simulation import SHAPES, draw_pose, draw_scene, plate_positions
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
@@ -254,6 +255,7 @@ calibrated, {len(missed)} of them by more than that and what the result says tha
     return StudyResult(tuple(rows), figures, goals, text + "\n".join(lines), {"knocked": _plot(moved)})
 
 
+@in_style
 def _plot(moved: list[Row]) -> Figure:
     figure = Figure(figsize=(8, 4), layout="constrained")
     axes = figure.subplots()
@@ -269,7 +271,7 @@ def _plot(moved: list[Row]) -> Figure:
     axes.set_xscale("log")
     axes.set_xlabel("change of the angle by the knock, arcmin")
     axes.set_ylabel("2 ln evidence of a knock")
-    axes.legend()
+    legend_outside(figure)
     return figure
 
 

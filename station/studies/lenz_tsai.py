@@ -18,6 +18,7 @@ from alignment.arrays import Array
 from alignment.calibration import Known, calibrate_lenz, calibrate_tsai
 from alignment.errors import DegenerateInputError
 from alignment.geometry import CameraModel, PosedCamera, RigidTransform
+from db.exports import REFERENCE, in_style, legend_outside
 from station.figures import Goal, Progress, Row, Study, StudyResult
 
 _SIZE = (752, 582)
@@ -130,6 +131,7 @@ almost 6 mm with point errors up to 2 mm on top. Found: {by_points[0, -1]:.2f} m
     return StudyResult(tuple(rows), figures, goals, text, {"lenz-tsai": _plot(levels, curves)})
 
 
+@in_style
 def _plot(levels: Array, curves: dict[str, tuple[Array, Array]]) -> Figure:
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     axes: list[Axes] = list(figure.subplots(1, 2, sharey=True))
@@ -139,12 +141,11 @@ def _plot(levels: Array, curves: dict[str, tuple[Array, Array]]) -> Figure:
         lenz, tsai = curves[name]
         for error, curve in zip(SCALE_ERRORS, lenz.T, strict=True):
             at.plot(levels, curve, label=f"Lenz, scale off by {100 * error:.1f} %")
-        at.plot(levels, tsai, "k--", label="Tsai, any scale error")
+        at.plot(levels, tsai, "--", color=REFERENCE, label="Tsai, any scale error")
         at.set_xlabel(f"largest error of the {name}, {unit}")
         at.set_title(f"as figure {published} of the thesis")
-        at.grid(alpha=0.3)
     axes[0].set_ylabel("error of the position vector, mm")
-    axes[0].legend()
+    legend_outside(figure, axes[:1], columns=3)
     return figure
 
 

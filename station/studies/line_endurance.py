@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from db.exports import SERIES, in_style, legend_outside
 from station.configuration import default_config
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.rehearsal import SETTLED, Endurance, run_endurance
@@ -62,23 +63,21 @@ they hold the way over the cable. Memory grows by {station_growth:.2f} MB (stati
     return StudyResult(tuple(rows), figures, goals, text, {"line-endurance": _plot(found)})
 
 
+@in_style
 def _plot(found: Endurance) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name, label in zip(TIMES, ("start to busy", "commit to first result", "to all results"), strict=True):
         values = np.sort([1e3 * getattr(times, name) for times in found.times])
         left.plot(values, np.linspace(0, 100, len(values)), label=label)
-    left.set_xlabel("ms")
+    left.set_xlabel("time, ms")
     left.set_ylabel("% of cycles")
     left.set_xscale("log")
-    left.legend()
-    right.plot(found.station_rss_mb, label="station")
-    right.plot(found.controller_rss_mb, label="controller")
+    right.plot(found.station_rss_mb, color=SERIES[3], label="station")
+    right.plot(found.controller_rss_mb, color=SERIES[4], label="controller")
     right.set_xlabel("cycle")
     right.set_ylabel("memory, MB")
-    right.legend()
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
+    legend_outside(figure)
     return figure
 
 

@@ -26,6 +26,7 @@ from alignment.imaging import (
     locate_marks,
 )
 from alignment.values import Image
+from db.exports import BAD, REFERENCE, in_style, legend_outside
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.mark_peers import PEERS
 from station.studies.rendered_marks import (
@@ -69,6 +70,10 @@ class Conditions:
     noise: float = 2.0
 
 
+_AXES = {
+    "radius": "radius, pixels", "tilt_deg": "tilt, degrees", "contrast": "contrast, grey levels",
+    "blur": "blur, pixels", "noise": "noise, grey levels",
+}  # fmt: skip
 SWEEPS: Mapping[str, tuple[float, ...]] = {
     "radius": (6.0, 9.0, 12.0, 18.0, 25.0, 35.0),
     "tilt_deg": (0.0, 15.0, 30.0, 45.0),
@@ -358,18 +363,21 @@ def _text(figures: Mapping[str, float], images: int) -> str:
     )
 
 
+@in_style
 def _plot_methods(population: dict[str, Summary], bound: float) -> Figure:
     figure = Figure(figsize=(8, 6), layout="constrained")
     axes = figure.add_subplot()
     names = list(population)[::-1]
-    axes.barh(names, [population[name].rms_px for name in names], color="#4a7fb5")
-    axes.axvline(bound, color="#b5483a", label="Cramér–Rao bound")
+    axes.barh(names, [population[name].rms_px for name in names])
+    axes.axvline(bound, color=BAD, label="Cramér–Rao bound")
     axes.set_xscale("log")
     axes.set_xlabel("RMS distance from the true centre, pixels")
-    axes.legend()
+    axes.grid(visible=False, axis="y")
+    legend_outside(figure)
     return figure
 
 
+@in_style
 def _plot_sweeps(rows: list[Row]) -> Figure:
     figure = Figure(figsize=(12, 7), layout="constrained")
     for n, factor in enumerate(SWEEPS):
@@ -379,11 +387,11 @@ def _plot_sweeps(rows: list[Row]) -> Figure:
             line = [row for row in here if row["method"] == name]
             axes.plot(_column(line, "value"), _column(line, "rms_px"), ".-", label=name)
         line = [row for row in here if row["method"] == _DRAWN[0]]
-        axes.plot(_column(line, "value"), _column(line, "bound_px"), "k--", label="bound")
+        axes.plot(_column(line, "value"), _column(line, "bound_px"), "--", color=REFERENCE, label="bound")
         axes.set_yscale("log")
-        axes.set_xlabel(factor)
+        axes.set_xlabel(_AXES[factor])
         axes.set_ylabel("RMS, pixels")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="lower right")
+    legend_outside(figure, figure.axes[:1], columns=4)
     return figure
 
 

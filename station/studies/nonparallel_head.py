@@ -24,6 +24,7 @@ from alignment.calibration import (
     fit_correction,
 )
 from alignment.geometry import PosedCamera
+from db.exports import in_style
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.heads import (
     HeadSpec,
@@ -162,6 +163,7 @@ correction that was fitted in one plane helps less, and there the calibration co
     return StudyResult(tuple(rows), figures, goals, text, plots)
 
 
+@in_style
 def _plot(points: Array, errors: Mapping[str, list[Array]]) -> Figure:
     """Errors of the 49 points of the first head as arrows in the plane, height as colour."""
     figure = Figure(figsize=(10, 7.5), layout="constrained")
@@ -182,13 +184,15 @@ def _plot(points: Array, errors: Mapping[str, list[Array]]) -> Figure:
                 scale_units="xy",
                 width=0.006,
             )
-            at.set_title(f"{name}, {state}\nlargest {np.linalg.norm(e, axis=1).max():.3f} mm", fontsize=9)
+            at.set_title(f"{name}, {state}\nlargest {np.linalg.norm(e, axis=1).max():.3f} mm")
             at.set_aspect("equal")
             at.set_xlim(-95.0, 95.0)
             at.set_ylim(-95.0, 95.0)
+            at.set_xlabel("x, mm" if line else "")
+            at.set_ylabel("" if column else "y, mm")
         beside = [row[column] for row in axes]
         ticks = (-limit, 0.0, limit)
-        figure.colorbar(image, ax=beside, label="z, mm", location="bottom", ticks=ticks, format="%+.3f")
+        figure.colorbar(image, ax=beside, label="z, mm", location="bottom", ticks=ticks, format="{x:+.3f}")
     return figure
 
 

@@ -18,6 +18,7 @@ from alignment.arrays import Array
 from alignment.calibration import CalibrationInput, CameraKey, calibrate_lenz, calibrate_two_system
 from alignment.errors import DegenerateInputError
 from alignment.geometry import PosedCamera
+from db.exports import BAD, GOOD, SERIES, in_style, legend_outside
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.heads import (
     HeadSpec,
@@ -201,23 +202,23 @@ def _row(
     }
 
 
+@in_style
 def _plot(found: Mapping[str, list[HeadErrors]]) -> Figure:
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     at = figure.subplots()
     for k, line in enumerate(LINES):
         largest = [e.largest for e in found[line.name]]
         label = "a head" if k == 0 else None
-        at.plot(np.full(len(largest), k), largest, "o", color="C0", alpha=0.6, label=label)
+        at.plot(np.full(len(largest), k), largest, "o", color=SERIES[0], alpha=0.6, label=label)
         if line.published:
-            label, colour = ("published" if k == 0 else None), "C3"
+            label, colour = ("published" if k == 0 else None), BAD
         else:
-            label, colour = "goal", "C2"
+            label, colour = "goal", GOOD
         at.plot(k, line.published_position, "_", ms=40, mew=2, color=colour, label=label)
     at.set_yscale("log")
     at.set_xticks(range(len(LINES)), [line.name.replace("_", "\n", 1) for line in LINES])
     at.set_ylabel("largest position error of 25 points, µm")
-    at.grid(axis="y", alpha=0.3)
-    at.legend(markerscale=0.4)
+    legend_outside(figure)
     return figure
 
 

@@ -29,6 +29,7 @@ from alignment.calibration import (
 from alignment.geometry import RigidTransform
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
+from db.exports import REFERENCE, in_style, legend_outside, whole_numbers
 from sensors.simulation import (
     RIG_SPECS,
     SHAPES,
@@ -172,6 +173,7 @@ knows these two heads, which more shots do not change.
     return StudyResult(tuple(rows), figures, goals, text, {"refresh": _plot(columns)})
 
 
+@in_style
 def _plot(columns: dict[str, Array]) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -183,10 +185,11 @@ def _plot(columns: dict[str, Array]) -> Figure:
             fmt="o",
             label=f"{name} the weak direction",
         )
-    axes.axhline(0.0, color="k", lw=0.8)
+    axes.axhline(0.0, color=REFERENCE, lw=0.8)
     axes.set_xlabel("rig")
     axes.set_ylabel("error after refresh, arcmin")
-    axes.legend()
+    whole_numbers(axes, "x")
+    legend_outside(figure)
     return figure
 
 

@@ -14,6 +14,7 @@ from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, WheelMeasurement
+from db.exports import in_style, legend_outside, whole_numbers
 from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import errors_arcmin, exposed, lights, study_rig
@@ -76,6 +77,7 @@ noise; true cameras. Standard deviation of camber {scatter[0]:.4f}′, of toe {s
     return StudyResult(tuple(rows), figures, goals, text, {"repeatability": _plot(errors)})
 
 
+@in_style
 def _plot(errors: Array) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -83,8 +85,8 @@ def _plot(errors: Array) -> Figure:
         axes.plot(np.arange(1, len(values) + 1), values, "o-", ms=4, lw=0.7, label=name)
     axes.set_xlabel("repeat")
     axes.set_ylabel("error, arcmin")
-    axes.grid(alpha=0.3)
-    axes.legend()
+    whole_numbers(axes, "x")
+    legend_outside(figure)
     return figure
 
 

@@ -23,6 +23,7 @@ from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel import SpinMeasurement
+from db.exports import in_style, legend_outside
 from sensors.simulation import draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import StudyRig, calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
@@ -366,6 +367,7 @@ def _rows(case: Case, readings: Sequence[Reading]) -> Iterator[Row]:
         }
 
 
+@in_style
 def _plot(readings: Sequence[Reading]) -> Figure:
     """Errors over the set angles: above the plates' calibrations and the true cameras, below the ridges."""
     figure = Figure(figsize=(10, 6.4), layout="constrained")
@@ -373,7 +375,7 @@ def _plot(readings: Sequence[Reading]) -> Figure:
     for column, name in enumerate(("camber", "toe")):
         for by, row, style in (
             *((plate, 0, "o") for plate in plates_of(readings)),
-            (TRUE, 0, "k+"),
+            (TRUE, 0, "+"),
             (RIDGES, 1, "s"),
         ):
             some = of_one(readings, by)
@@ -384,9 +386,7 @@ def _plot(readings: Sequence[Reading]) -> Figure:
         axes[1][column].set_xlabel(f"{name} as set, degrees")
     for pair in axes:
         pair[0].set_ylabel("error, arcmin")
-        for each in pair:
-            each.grid(alpha=0.3)
-        pair[1].legend(fontsize=8)
+    legend_outside(figure)
     return figure
 
 

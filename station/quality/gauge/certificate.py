@@ -80,7 +80,6 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
             )
             for name, value in result.figures.items()
         ],
-        widths=(50, 20, 15, 15),
     )
     document.paragraph(result.text)
     for figure in result.plots.values():
@@ -111,7 +110,6 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
             )
             for row in source.rows[:_LONGEST_RAW]
         ],
-        widths=(22, 12, 7, 13, 18, 28),
     )  # fmt: skip
     if len(source.rows) > _LONGEST_RAW:
         document.paragraph(f"The first {_LONGEST_RAW} of {len(source.rows)} values; the database holds all.")

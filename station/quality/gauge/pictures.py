@@ -8,9 +8,21 @@ from matplotlib.figure import Figure
 
 from alignment.arrays import Array
 from alignment.statistics import ControlChart, GaugeData, GrrResult, LinearityResult, Track, UncertaintyBudget
-from db.exports import picture_text
+from db.exports import (
+    BAD,
+    GOOD,
+    MUTED,
+    REFERENCE,
+    SERIES,
+    WARNING,
+    in_style,
+    legend_outside,
+    picture_text,
+    whole_numbers,
+)
 
 
+@in_style
 def grr_components(found: GrrResult) -> Figure:
     """Bars of the components: share of the variance, of the study variation, of the tolerance."""
     names = {
@@ -33,13 +45,15 @@ def grr_components(found: GrrResult) -> Figure:
     for number, (label, values) in enumerate(percents.items()):
         at = np.arange(len(names)) + (number - (len(percents) - 1) / 2) * width
         ax.bar(at, values, width, label=f"% {label}")
-    ax.axhline(10, color="0.4", linewidth=0.8, linestyle="--")
-    ax.axhline(30, color="0.4", linewidth=0.8)
+    ax.axhline(10, color=GOOD, linestyle="--", label="10 %")
+    ax.axhline(30, color=BAD, linestyle="--", label="30 %")
     ax.set(xticks=range(len(names)), xticklabels=list(names), ylabel="percent")
-    ax.legend()
+    ax.grid(visible=False, axis="x")
+    legend_outside(figure)
     return figure
 
 
+@in_style
 def grr_values(data: GaugeData, unit: str) -> Figure:
     """All values by part, and the ranges of the trials, one colour per appraiser."""
     parts = list(dict.fromkeys(data.parts))
@@ -55,12 +69,25 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
             if owner == appraiser:
                 cells[part].append(data.offset + float(value))
         for part, values in cells.items():
-            top.plot([place[part] + at] * len(values), values, ".", color=f"C{number}")
+            top.plot([place[part] + at] * len(values), values, ".", color=SERIES[number % len(SERIES)])
         known = [part for part in parts if cells[part]]
         x = [place[part] + at for part in known]
         means = [float(np.mean(cells[part])) for part in known]
-        top.plot(x, means, "-", linewidth=0.8, color=f"C{number}", label=picture_text(appraiser) or None)
-        bottom.plot(x, [float(np.ptp(cells[part])) for part in known], "o-", markersize=3, color=f"C{number}")
+        top.plot(
+            x,
+            means,
+            "-",
+            linewidth=0.8,
+            color=SERIES[number % len(SERIES)],
+            label=picture_text(appraiser) or None,
+        )
+        bottom.plot(
+            x,
+            [float(np.ptp(cells[part])) for part in known],
+            "o-",
+            markersize=3,
+            color=SERIES[number % len(SERIES)],
+        )
     top.set_ylabel(_labelled("value", unit))
     bottom.set_ylabel(_labelled("range of trials", unit))
     bottom.set_ylim(bottom=0.0)
@@ -69,41 +96,47 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
     )
     bottom.set_xlabel("part")
     if any(appraisers):
-        top.legend(title="appraiser")
+        legend_outside(figure, title="appraiser")
     return figure
 
 
+@in_style
 def type1_run(values: Array, reference: float, width: float, unit: str) -> Figure:
     """Run of the repetitions between the reference ± half the allowed width."""
     figure = Figure(figsize=(8, 4), layout="constrained")
     run, histogram = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     run.plot(np.arange(1, len(values) + 1), values, ".-", linewidth=0.8)
     for ax in (run, histogram):
-        ax.axhline(reference, color="tab:green", linewidth=1)
+        ax.axhline(reference, color=GOOD, label="reference")
         for sign in (-1, 1):
-            ax.axhline(reference + sign * width / 2, color="tab:red", linewidth=1, linestyle="--")
+            ax.axhline(reference + sign * width / 2, color=BAD, linestyle="--", label="allowed")
     histogram.hist(values, bins="auto" if np.ptp(values) > 0 else 1, orientation="horizontal")
     run.set(xlabel="repetition", ylabel=_labelled("value", unit))
     histogram.set_xlabel("count")
+    whole_numbers(run, "x")
+    whole_numbers(histogram, "x")
+    legend_outside(figure)
     return figure
 
 
+@in_style
 def linearity_line(found: LinearityResult, values: Array, references: Array, unit: str) -> Figure:
     """Single errors, biases, line and confidence band."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     ax = figure.subplots()
-    ax.plot(references, values - references, ".", color="0.6", label="single errors")
+    ax.plot(references, values - references, ".", color=MUTED, label="single errors")
     ax.plot([b.reference for b in found.biases], [b.bias for b in found.biases], "D", label="biases")
     x = np.linspace(references.min(), references.max(), 100)
     low, high = found.band(x)
-    ax.plot(x, found.intercept + found.slope * x, color="tab:red", label="line")
-    ax.fill_between(x, low, high, alpha=0.2, color="tab:red", label=f"{100 * found.confidence:g} % band")
-    ax.axhline(0.0, color="0.3", linewidth=0.8)
+    ax.plot(x, found.intercept + found.slope * x, color=WARNING, label="line")
+    ax.fill_between(x, low, high, alpha=0.2, color=WARNING, label=f"{100 * found.confidence:g} % band")
+    ax.axhline(0.0, color=REFERENCE)
     ax.set(xlabel=_labelled("certified value", unit), ylabel=_labelled("error", unit))
-    ax.legend()
+    legend_outside(figure)
     return figure
 
 
+@in_style
 def chart_picture(chart: ControlChart, offset: float = 0.0, unit: str = "") -> Figure:
     """Both tracks of a control chart, signals in red with the number of their rule."""
     figure = Figure(figsize=(9, 5.5), layout="constrained")
@@ -112,20 +145,24 @@ def chart_picture(chart: ControlChart, offset: float = 0.0, unit: str = "") -> F
     _draw_track(top, chart.location, 1, offset, unit)
     _draw_track(bottom, chart.spread, first, 0.0, unit)
     bottom.set_xlabel("subgroup" if chart.size > 1 else "value")
+    whole_numbers(bottom, "x")
+    legend_outside(figure)
     return figure
 
 
+@in_style
 def budget_bars(found: UncertaintyBudget) -> Figure:
     """Standard uncertainties of the budget, those that another one stands for in grey."""
     figure = Figure(figsize=(7, 0.4 * len(found.lines) + 1.5), layout="constrained")
     ax = figure.subplots()
     names = [picture_text(f"{line.component.kind} {line.component.source}".strip()) for line in found.lines]
-    colours = ["tab:blue" if line.counted else "0.7" for line in found.lines]
+    colours = [SERIES[0] if line.counted else MUTED for line in found.lines]
     at = np.arange(len(names))
     ax.barh(at, [line.component.u for line in found.lines], color=colours)
     ax.set(yticks=at, yticklabels=names, xlabel="standard uncertainty")
-    ax.axvline(found.u_mp, color="tab:red", linewidth=1, label="u_MP")
-    ax.legend()
+    ax.axvline(found.u_mp, color=BAD, label="u_MP, the whole process")
+    ax.grid(visible=False, axis="y")
+    legend_outside(figure)
     ax.invert_yaxis()
     return figure
 
@@ -133,12 +170,12 @@ def budget_bars(found: UncertaintyBudget) -> Figure:
 def _draw_track(ax: Axes, track: Track, first: int, offset: float, unit: str) -> None:
     x = np.arange(first, first + len(track.points))
     ax.plot(x, offset + track.points, ".-", linewidth=0.8, markersize=4)
-    ax.axhline(offset + track.centre, color="tab:green", linewidth=1)
+    ax.axhline(offset + track.centre, color=GOOD, label="centre")
     for limit in (track.lower, track.upper):
-        ax.axhline(offset + limit, color="tab:red", linewidth=1, linestyle="--")
+        ax.axhline(offset + limit, color=WARNING, linestyle="--", label="control limit")
     for signal in track.signals:
         point = (x[signal.index], offset + track.points[signal.index])
-        ax.plot(*point, "o", color="tab:red", markersize=5)
+        ax.plot(*point, "o", color=BAD, markersize=5, label="signal and its rule")
         ax.annotate(str(signal.rule), point, textcoords="offset points", xytext=(3, 4), fontsize=7)
     ax.set_ylabel(_labelled(track.name, unit))
 

@@ -64,7 +64,9 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
             head = {"characteristic": str(characteristic), "station": str(station)}
             rows += [head | row for row in found]
             if len(pictures) < _PICTURES:
-                pictures.append(_daily(characteristic, str(station), values[mine], series, mine))
+                pictures += [
+                    p for p in (_daily(characteristic, str(station), values[mine], series, mine),) if p
+                ]
     relevant = [row for row in rows if row["p"] is not None and float(str(row["p"])) < 0.01]
     return Section(
         "drift",
@@ -77,6 +79,7 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
         "the product changes too, so this shows where to look.",
         pictures,
         brief=("characteristic", "station", "influence", "change", "low", "high", "p"),
+        empty="Nothing to compare: values of less than a day, no new calibration, no temperatures.",
     )
 
 
@@ -114,6 +117,7 @@ def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]
         {"largest_side_difference_deg": largest},
         f"Differences of the two wheels of the same vehicle, newest {NEWEST}; limits for 95 %.",
         brief=("axle", "angle", "vehicles", "left_less_right_deg", "low_deg", "high_deg", "p"),
+        empty="Fewer than two vehicles have values of both sides.",
     )
 
 
@@ -155,6 +159,7 @@ def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characterist
         "Stations that see different vehicles differ for that reason too.",
         (picture,) if 0 < len(rows) <= 60 else (),
         brief=("characteristic", "station", "n", "less_others_deg", "low_deg", "high_deg", "p"),
+        empty="Only one station has values of the same characteristic with the same limits.",
     )
 
 
@@ -274,12 +279,16 @@ def _daily(
     values: Array,
     series: ValueSeries,
     mine: Index,
-) -> Picture:
+) -> Picture | None:
+    """The course over the days; None for a single one."""
     days = series.time[mine].astype("datetime64[D]")
     known = np.unique(days)
     means = [float(values[days == day].mean()) for day in known]
     verticals = [(str(days[k]), str(series.calibration_id[mine[k]])) for k in _changes(series, mine)]
+    if len(known) < 2:
+        return None
     return Picture(
         f"{characteristic} at {station}", "day (UTC)", "mean, degrees",
         (Trace("daily mean", "line", [str(day) for day in known], means),), verticals=verticals,
+        vertical_name="new calibration",
     )  # fmt: skip

@@ -33,7 +33,7 @@ def yield_section(reader: ResultReader, where: Filter) -> Section:
             Trace(name, "bar", days, [getattr(counts, name) for counts in by_day], colour=name)
             for name in outcomes
         ),
-        stacked=True,
+        stacked=True, counted=True,
     )  # fmt: skip
     return Section(
         "yield", "Yield", rows,
@@ -45,7 +45,8 @@ def yield_section(reader: ResultReader, where: Filter) -> Section:
             "wheels_refused_percent": 100.0 * refused / counted if counted else None,
         },
         "Yield is good vehicles of those that got a verdict; faults and aborts are counted apart.",
-        (picture,) if days else (),
+        # One bar says nothing that the table does not.
+        (picture,) if len(days) > 1 else (),
     )  # fmt: skip
 
 
@@ -75,7 +76,8 @@ def pareto_section(reader: ResultReader, where: Filter) -> Section:
             Trace("count", "bar", names, counts),
             Trace("cumulative", "line", names, shares, colour="second", right=True),
         ),
-        right_label="cumulative percent",
+        counted=True,
+        right_label="cumulative",
     )
     return Section(
         "pareto",
@@ -84,6 +86,7 @@ def pareto_section(reader: ResultReader, where: Filter) -> Section:
         {"reasons": len(rows), "occurrences": total},
         "An angle out of limits counts once for every limit it missed, guard band included.",
         (picture,) if rows else (),
+        empty="No angle out of limits, no refusal, no fault, no abort.",
     )
 
 

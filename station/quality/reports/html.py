@@ -8,8 +8,9 @@ from markupsafe import Markup
 
 from db.exports import replaced
 from station.pages import page
-from station.quality.pictures import as_html
-from station.quality.reports.report import Report, shown_cell
+from station.quality.cells import heading, is_number_column, on_paper
+from station.quality.page_pictures import PROGRAM, as_html
+from station.quality.reports.report import Report
 
 _LONGEST_TABLE = 5000
 _LONG = 40
@@ -31,8 +32,10 @@ def write_html(path: Path, report: Report) -> None:
         "report.html",
         title=report.title,
         report=report,
-        program=Markup(get_plotlyjs()) if pictures else "",
-        shown=lambda value: shown_cell(value, 6),
+        program=Markup(get_plotlyjs() + PROGRAM) if pictures else "",
+        shown=on_paper,
+        heading=heading,
+        numbers_of=lambda rows: [name for name in rows[0] if is_number_column(row[name] for row in rows)],
         drawn=lambda picture: Markup(as_html(picture)),
         longest_table=_LONGEST_TABLE,
         longest_line=_LONG,

@@ -30,7 +30,9 @@ class Section:
     text
         What the table says, and what it does not.
     brief
-        The columns that a terminal has room for; none means all.
+        The columns that a terminal and paper have room for; none means all.
+    empty
+        What it says that there is no row.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Section:
     text: str = ""
     pictures: Sequence[Picture] = ()
     brief: Sequence[str] = ()
+    empty: str = "Nothing."
 
     def as_json(self) -> dict[str, Any]:
         """JSON values; a number that is none is null."""
@@ -111,13 +114,6 @@ def in_words(where: Filter) -> str:
 def shown_time(time: datetime | None) -> str:
     """A time as a person reads it; a dash for none."""
     return "–" if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC"
-
-
-def shown_cell(value: object, digits: int) -> str:
-    """A cell as a person reads it: so many digits of a number, a dash for none."""
-    if value is None or value == "":
-        return "–"
-    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
 
 
 def _finite(value: Any) -> Any:

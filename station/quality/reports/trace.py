@@ -96,7 +96,13 @@ def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
     rows = sorted(found.values(), key=lambda row: (row["station"], row["received"]))
     never = sum(len(group.wheels) for group in groups if group.last_good_utc is None)
     return [
-        Section("last_checks", "Last good master check of each wheel", checks, {"never_checked": never}),
+        Section(
+            "last_checks",
+            "Last good master check of each wheel",
+            checks,
+            {"never_checked": never},
+            empty="No wheel was measured.",
+        ),
         Section(
             "since_check",
             "Vehicles since the last good master check",
@@ -105,6 +111,7 @@ def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
             "Each with the wheels that measured it and have not been found good since, and the earliest of"
             " their last good checks.",
             brief=("station", "last_good_check", "vin", "type", "result", "wheels"),
+            empty="No vehicle was measured since.",
         ),
     ]
 
@@ -158,14 +165,18 @@ def _explaining(history: VinHistory) -> list[Section]:
         for shot in history.shots
     ]  # fmt: skip
     found = (
-        ("calibrations", "Calibrations it rests on", calibrations),
-        ("checks", "Checks of these calibrations", checks),
-        ("zeros", "Zero measurements that were subtracted", zeros),
-        ("stations", "Stations as configured then", stations),
-        ("events", "Events around the measurements", happened),
-        ("images", "Archived images", shots),
+        ("calibrations", "Calibrations it rests on", calibrations, "No calibration."),
+        ("checks", "Checks of these calibrations", checks, "No check."),
+        ("zeros", "Zero measurements that were subtracted", zeros, "No zero measurement."),
+        ("stations", "Stations as configured then", stations, "No station described itself."),
+        ("events", "Events around the measurements", happened, "No event."),
+        ("images", "Archived images", shots, "No image was kept."),
     )
-    return [Section(name, title, rows) for name, title, rows in found]
+    brief = {"checks": ("time", "calibration", "against", "outcome", "reason")}
+    return [
+        Section(name, title, rows, brief=brief.get(name, ()), empty=empty)
+        for name, title, rows, empty in found
+    ]
 
 
 def _document(figures: Mapping[str, Any] | None) -> str | None:

@@ -116,6 +116,7 @@ def capability_section(
         "distribution.",
         pictures,
         brief=("characteristic", "type", *grouped, *_BRIEF),
+        empty="No characteristic with limits has two values or more.",
     )
 
 
@@ -226,12 +227,14 @@ def chart_sections(
             + ("" if baseline is None else f" Control limits: {in_words(baseline)}."),
             pictures,
             brief=("characteristic", "values", "centre_deg", "lower_deg", "upper_deg", "signals"),
+            empty="No characteristic has enough values for a chart.",
         ),
         Section(
             "signals",
             "Signals of the charts",
             signals,
             brief=("characteristic", "track", "time", "vin", "rule"),
+            empty="No point signals.",
         ),
     ]
 
@@ -312,13 +315,17 @@ def _histogram(found: CharacteristicMoments, values: Array) -> Picture:
         z = (x - overall.mean) / overall.deviation
         density = np.exp(-0.5 * z * z) / (overall.deviation * math.sqrt(2 * math.pi))
         scaled = density * len(values) * (edges[1] - edges[0])
-        traces.append(Trace("normal", "line", x.tolist(), scaled.tolist(), colour="second"))
+        traces.append(Trace("normal", "curve", x.tolist(), scaled.tolist(), colour="second"))
     levels = {
         name: value
         for name, value in (("limit low", low), ("limit high", high), ("centre mean", overall.mean))
         if value is not None
     }
-    return Picture(f"{found.characteristic}", "degrees", "vehicles", tuple(traces), levels, limits_on_x=True)
+    kind = _shown(found.group[GroupBy.VEHICLE_TYPE])
+    return Picture(
+        f"{found.characteristic}, {kind}", "degrees", "vehicles", tuple(traces), levels, limits_on_x=True,
+        counted=True,
+    )  # fmt: skip
 
 
 def _chart_picture(

@@ -131,7 +131,7 @@ def test_only_checks_of_its_own_calibrations_stand_on_it(lines: list[str]) -> No
 
 
 def test_footer_names_cycle_and_time_of_making(lines: list[str]) -> None:
-    assert f"cycle {UUID(int=7)} made 2026-11-22 23:30:00 UTC 1 / 2" in lines
+    assert f"cycle {UUID(int=7)} made 2026-11-22 23:30:00 UTC 1 of 1" in lines
 
 
 @pytest.mark.parametrize(

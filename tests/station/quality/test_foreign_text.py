@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from station.figures import StudyResult, write_study
-from station.quality.pictures import Picture, Trace, as_figure, as_html
+from station.quality.page_pictures import as_html
+from station.quality.paper_pictures import as_figure
+from station.quality.pictures import Picture, Trace
 
 FORMULAS = ("=1+1", "+1+1", "-2+3+cmd|' /C calc'!A0", "@SUM(1)", "\t=1+1", "\r=1+1", "＝1+1")
 
