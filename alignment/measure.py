@@ -12,7 +12,7 @@ from alignment.arrays import Array
 from alignment.calibration.judgement import KNOCKED, Judgement, judge, unjudged
 from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
-from alignment.imaging.extraction import level_share
+from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.prepared import PreparedRig
 from alignment.stereo.correspondence import Candidates, match_heads
@@ -143,6 +143,8 @@ def _lines(
     for pair, head in zip(images, rig.heads, strict=True):
         left, right = next(found_lines), next(found_lines)
         for image, found, side in ((pair.left, left, "left"), (pair.right, right, "right")):
+            if found is not None and found.crowded:
+                return _too_many(head, side)
             if found is None or len(found.points) < settings.minimum_points // 4:
                 return _too_bright(head, side) if _is_white(image) else _no_light(image, head, side)
             if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
@@ -177,6 +179,16 @@ def _too_bright(head: HeadCalibration, side: str) -> Refusal:
         RefusalCode.HEAD_SATURATED,
         f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
         "or shield the station from the sun",
+        head.name,
+    )
+
+
+def _too_many(head: HeadCalibration, side: str) -> Refusal:
+    return Refusal(
+        RefusalCode.TOO_MANY_LINES,
+        f"{head.name} {side}: more light lines than can be looked at, at most {MAX_LINES - 1} pieces of "
+        f"lines and {MAX_POINTS / LEAST_SHARE:.0f} points; lower the camera's gain, and check that it looks "
+        "at a wheel in the projector's light",
         head.name,
     )
 
@@ -275,7 +287,7 @@ def _evaluate(
         offset_mm=float(centre @ normal),
         points_used=int(np.count_nonzero(fit.weights > 0)),
         residual_rms_mm=rms,
-        heads=_qualities(numbers, weights, misfit, matched, judgement, rig),
+        heads=_qualities(numbers, weights, misfit, lines, matched, judgement, rig),
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
         knock_evidence=judgement.evidence,
@@ -407,7 +419,7 @@ def _plane(
         return fit.normal, fit.covariance, fit.tilt_axes, rms
     if settings.method == "plane":
         used = fit.weights > 0
-        plane = fit_plane(pool.points[used], pool.cluster[used], fit.normal)
+        plane = fit_plane(pool.points[used], fit.radii(pool.points[used]), fit.normal)
     else:
         plane = fit_ridges(pool.points, pool.head, pool.line, fit, heads)
     return plane.normal, plane.covariance, plane.tilt_axes, _rms(plane)
@@ -417,6 +429,7 @@ def _qualities(
     numbers: Array,
     weights: Array,
     misfit: Array,
+    lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     judgement: Judgement,
     rig: PreparedRig,
@@ -432,6 +445,7 @@ def _qualities(
                 residual_rms_mm=math.sqrt(misfit[k] / weights[k]) if weights[k] > 0.0 else 0.0,
                 row_px=None if math.isnan(row) else row,
                 row_sigma_px=None if math.isnan(sigma) else sigma,
+                share_looked_at=min(each.share for each in lines[k]) / candidates.every,
             )
         )
     return tuple(out)

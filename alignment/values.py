@@ -126,6 +126,10 @@ class StereoImages:
     right: Image
 
 
+PlaneMethod = Literal["revolution", "plane", "ridges"]
+"""How the tyre plane is found from the points; see `MeasureSettings`."""
+
+
 @dataclass(frozen=True)
 class MeasureSettings:
     """What the station's configuration may choose of the measurement.
@@ -150,7 +154,7 @@ class MeasureSettings:
     """
 
     depth_range_mm: tuple[float, float] = (-60.0, 60.0)
-    method: Literal["revolution", "plane", "ridges"] = "revolution"
+    method: PlaneMethod = "revolution"
     minimum_points: int = 300
     maximum_angle: float = math.radians(10.0)
     coverage_factor: float = 2.0
@@ -163,6 +167,7 @@ class RefusalCode(enum.StrEnum):
     WRONG_IMAGES = "wrong_images"
     HEAD_DARK = "head_dark"
     HEAD_SATURATED = "head_saturated"
+    TOO_MANY_LINES = "too_many_lines"
     TOO_FEW_POINTS = "too_few_points"
     NO_CORRESPONDENCE = "no_correspondence"
     NOT_A_WHEEL = "not_a_wheel"
@@ -212,6 +217,9 @@ class HeadQuality:
         lines, pixels; None where too few crosses were seen.
     row_sigma_px
         What noise and calibration make of it, one standard deviation.
+    share_looked_at
+        Of the line points of its images; below 1 where there were more than the program takes. It thins them
+        evenly along all lines.
     """
 
     name: str
@@ -220,6 +228,7 @@ class HeadQuality:
     residual_rms_mm: float
     row_px: float | None = None
     row_sigma_px: float | None = None
+    share_looked_at: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

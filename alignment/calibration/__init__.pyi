@@ -22,9 +22,12 @@ from .faugeras import calibrate_faugeras as calibrate_faugeras
 from .gate import CalibrationProblem as CalibrationProblem
 from .gate import GateJudgement as GateJudgement
 from .gate import GateLimits as GateLimits
+from .gate import image_warnings as image_warnings
 from .gate import judge_calibration as judge_calibration
 from .gate import judge_failure as judge_failure
 from .gate import judge_input as judge_input
+from .gate import worst_blur as worst_blur
+from .gate import worst_contrast as worst_contrast
 from .gauge import CertifiedPlate as CertifiedPlate
 from .gauge import PlacedRig as PlacedRig
 from .gauge import judge_placing as judge_placing

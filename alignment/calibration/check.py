@@ -12,6 +12,7 @@ from alignment.arrays import Array
 from alignment.calibration.contour import contour_shift
 from alignment.calibration.observations import CalibrationInput, CameraKey, cameras_of_rig
 from alignment.calibration.prediction import NominalWheel, angle_sensitivity, camera_derivatives
+from alignment.calibration.scale import common_scale, scale_sentence
 from alignment.calibration.start import camera_from_plate
 from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
@@ -24,6 +25,8 @@ _STEPS = 4
 _LEVER_MM = 400.0  # a typical distance: it makes turns and shifts of the unknowns comparable
 _FAR = 4.0  # standard deviations at which an observation keeps half its weight
 _FEWEST_MARKS = 6
+_DISAGREE = ("calibration disagree in every camera", "with what plate the calibration in force was made")
+_CENTRE_SIGMA_MM = 0.3  # of a camera's centre by one view; a turn goes for a shift
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,11 @@ class PlateCheck:
         As `CameraChange`, over all cameras.
     camber_change, toe_change
         What camber and toe would change by, radians, if the cameras' poses were corrected.
+    scale
+        How many times too far apart the plate's marks are stated, where one factor explains what all cameras
+        see; else None.
+    scale_reason
+        The sentence that says so, and names the pitch that would fit; None without.
     """
 
     cameras: tuple[CameraChange, ...]
@@ -77,6 +85,8 @@ class PlateCheck:
     rms_left_px: float
     camber_change: float
     toe_change: float
+    scale: float | None = None
+    scale_reason: str | None = None
 
 
 class _Sight(NamedTuple):
@@ -147,13 +157,20 @@ def check_with_plate(
             )
         )
     camber, toe = angle_sensitivity(calibration, wheel) @ step
+    scale = common_scale(_centres_of(cameras), _centres_of(changed), _CENTRE_SIGMA_MM)
     return PlateCheck(
         tuple(changes),
         _rms(np.concatenate(before)),
         _rms(np.concatenate(after)),
         float(camber),
         float(toe),
+        scale,
+        None if scale is None else scale_sentence(data.plate, scale, *_DISAGREE),
     )
+
+
+def _centres_of(cameras: list[PosedCamera]) -> Array:
+    return np.array([camera.rig_from_camera.translation for camera in cameras])
 
 
 def _cameras(data: CalibrationInput, calibration: RigCalibration) -> list[PosedCamera]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
@@ -36,6 +36,8 @@ class CalibrationProblem(enum.StrEnum):
     COVERAGE = "coverage"
     VIEWS_TOO_ALIKE = "views_too_alike"
     ILL_CONDITIONED = "ill_conditioned"
+    BLURRED = "blurred"
+    DARK = "dark"
     NOISY = "noisy"
     STRUCTURED = "structured"
     UNCERTAIN = "uncertain"
@@ -63,6 +65,13 @@ class GateLimits:
         Largest share of observations without weight.
     structure
         Largest correlation of neighbouring residuals of a camera.
+    blur_px, blur_warned_px
+        Largest blur of the marks' edges in any view of a camera, standard deviation in pixels, and that which
+        brings a warning. Marks keep their centres under an even blur; light lines and the blur of a lens that
+        is out of focus are neither.
+    contrast, contrast_warned
+        Least contrast of the marks in any view of a camera over the noise of a pixel, and that which brings a
+        warning.
     angle_u95
         Largest expanded uncertainty of camber and toe that comes from the calibration, radians.
     wheel
@@ -77,13 +86,20 @@ class GateLimits:
     noise_scale: float = 3.0
     outliers: float = 0.05
     structure: float = 0.25
+    blur_px: float = 5.0
+    blur_warned_px: float = 2.5
+    contrast: float = 10.0
+    contrast_warned: float = 40.0
     angle_u95: float = 0.06 * ARCMIN
     wheel: NominalWheel = field(default_factory=NominalWheel)
 
 
 @dataclass(frozen=True)
 class CameraFigures:
-    """What the gate looked at in one camera; see `GateLimits`."""
+    """What the gate looked at in one camera; see `GateLimits`.
+
+    `blur_px` and `contrast` are those of its worst view; None where they are not known.
+    """
 
     camera: CameraKey
     views: int
@@ -93,6 +109,8 @@ class CameraFigures:
     noise_scale: float
     outliers: float
     structure: float
+    blur_px: float | None = None
+    contrast: float | None = None
 
     @property
     def name(self) -> str:
@@ -114,6 +132,8 @@ class GateJudgement:
         What was looked at.
     camber_u95, toe_u95
         Expanded uncertainties from the calibration, radians; None where they were not reached.
+    warnings
+        Sentences: what is not as it should be, though not wrong enough to refuse.
     """
 
     problem: CalibrationProblem | None
@@ -121,6 +141,7 @@ class GateJudgement:
     cameras: tuple[CameraFigures, ...] = ()
     camber_u95: float | None = None
     toe_u95: float | None = None
+    warnings: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         return self.problem is None
@@ -180,11 +201,25 @@ def judge_calibration(
         None for the defaults.
     """
     limits = limits or GateLimits()
-    before = judge_input(adjustment.data, limits)
     figures = camera_figures(adjustment)
+    judged = _judged(adjustment, calibration, figures, limits)
+    return replace(judged, warnings=image_warnings(adjustment.data, limits))
+
+
+def _judged(
+    adjustment: Adjustment,
+    calibration: RigCalibration,
+    figures: tuple[CameraFigures, ...],
+    limits: GateLimits,
+) -> GateJudgement:
+    before = judge_input(adjustment.data, limits)
     if not before:
         return GateJudgement(before.problem, before.reason, figures)
-    found = _wrong(adjustment, calibration, figures, limits) or _weak(adjustment, figures, limits)
+    found = (
+        _wrong(adjustment, calibration, figures, limits)
+        or _unclear(adjustment.data, limits)
+        or _weak(adjustment, figures, limits)
+    )
     if found is not None:
         return GateJudgement(*found, figures)
     try:
@@ -229,9 +264,72 @@ def camera_figures(adjustment: Adjustment) -> tuple[CameraFigures, ...]:
                 noise_scale=adjustment.noise_scale[key],
                 outliers=float((adjustment.weights[mine] < 0.5).mean()),
                 structure=_structure(adjustment, mine),
+                blur_px=worst_blur(data, key)[0],
+                contrast=worst_contrast(data, key)[0],
             )
         )
     return tuple(out)
+
+
+def worst_blur(data: CalibrationInput, key: CameraKey) -> tuple[float | None, str]:
+    """Blur of the marks' edges in the least sharp view of a camera, pixels, and that view's name."""
+    known = [
+        (seen.blur_px, view.name)
+        for view in data.views
+        if (seen := view.observations.get(key)) is not None and seen.blur_px is not None
+    ]
+    return max(known, default=(None, ""))
+
+
+def worst_contrast(data: CalibrationInput, key: CameraKey) -> tuple[float | None, str]:
+    """Contrast of the marks over the noise in the darkest view of a camera, and that view's name."""
+    known = [
+        (seen.contrast, view.name)
+        for view in data.views
+        if (seen := view.observations.get(key)) is not None and seen.contrast is not None
+    ]
+    return min(known, default=(None, ""))
+
+
+def image_warnings(data: CalibrationInput, limits: GateLimits | None = None) -> tuple[str, ...]:
+    """Sentences about cameras whose images of the plate are blurred or dark, though they can be used."""
+    limits = limits or GateLimits()
+    out = []
+    for key in data.cameras:
+        name = " ".join(key)
+        (blur, unsharp), (contrast, darkest) = worst_blur(data, key), worst_contrast(data, key)
+        if blur is not None and blur > limits.blur_warned_px:
+            out.append(
+                f"{name}: the marks' edges are blurred over {blur:.1f} px in view {unsharp}, up to "
+                f"{limits.blur_warned_px:g} px is sharp; focus the camera, hold the plate still and "
+                "calibrate again"
+            )
+        if contrast is not None and contrast < limits.contrast_warned:
+            out.append(
+                f"{name}: the marks stand out by only {contrast:.0f} times the noise in view {darkest}, at "
+                f"least {limits.contrast_warned:g} times is good; add light, or lengthen the exposure"
+            )
+    return tuple(out)
+
+
+def _unclear(data: CalibrationInput, limits: GateLimits) -> tuple[CalibrationProblem, str] | None:
+    """Images too blurred or too dark to be believed."""
+    for key in data.cameras:
+        name = " ".join(key)
+        (blur, unsharp), (contrast, darkest) = worst_blur(data, key), worst_contrast(data, key)
+        if blur is not None and blur > limits.blur_px:
+            return (
+                CalibrationProblem.BLURRED,
+                f"{name}: the marks' edges are blurred over {blur:.1f} px in view {unsharp}, allowed are "
+                f"{limits.blur_px:g} px; focus the camera, or hold the plate still",
+            )
+        if contrast is not None and contrast < limits.contrast:
+            return (
+                CalibrationProblem.DARK,
+                f"{name}: the marks stand out by only {contrast:.1f} times the noise in view {darkest}, at "
+                f"least {limits.contrast:g} times are needed; add light, or lengthen the exposure",
+            )
+    return None
 
 
 def _marks_of(seen: object) -> Index:

@@ -16,6 +16,7 @@ import numpy as np
 from alignment.arrays import Array
 from alignment.believable import LARGEST_MOUNTING, LARGEST_SHIFT, LARGEST_TURN, pose_slip, turn_from_nominal
 from alignment.calibration.adjustment import AdjustmentSettings, Solution, solve
+from alignment.calibration.check import check_with_plate
 from alignment.calibration.equations import normal_equations
 from alignment.calibration.observations import CalibrationInput, CameraKey, PlateView, cameras_of_rig
 from alignment.calibration.prediction import predict_angle_uncertainty
@@ -81,6 +82,9 @@ class PlacedRig:
         Whether the pose it replaces was measured too.
     turn_from_nominal
         Angle between the measured and the nominal pose, radians.
+    scale_reason
+        The sentence that names the plate's pitch where all cameras see its marks too far apart, or too near,
+        by one factor; None otherwise.
     """
 
     calibration: RigCalibration
@@ -95,6 +99,7 @@ class PlacedRig:
     toe_change: float
     turn_from_nominal: float
     was_measured: bool = False
+    scale_reason: str | None = None
 
 
 @dataclass(frozen=True)
@@ -203,6 +208,9 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
         toe_change=after[1] - before[1],
         turn_from_nominal=turn_from_nominal(vehicle_from_rig, calibration.side),
         was_measured=calibration.vehicle_from_rig_measured,
+        scale_reason=None
+        if min(marks.values()) < PlacingLimits().marks
+        else check_with_plate(data, calibration).scale_reason,
     )
 
 
@@ -244,6 +252,8 @@ def judge_placing(placed: PlacedRig, limits: PlacingLimits | None = None) -> str
             + "check that the plate is the one the frame's description gives to this rig, and its rotation "
             "there"
         )
+    if placed.scale_reason is not None:
+        return placed.scale_reason
     if placed.outliers > limits.outliers:
         return (
             f"{100 * placed.outliers:.0f} % of the marks do not fit, allowed are "

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from alignment.arrays import Array
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
@@ -31,6 +32,9 @@ _UNITS = {
     0.5: "half of the pitch",
 }
 _SAME_UNIT = 0.03
+_LEAST_AGAINST_CAMERAS = 2e-3  # what a refocused lens of every camera alike would make is less
+_MOST_AGAINST_CAMERAS = 0.25  # with more the marks fit nowhere
+_UNEXPLAINED = 0.05  # of the cameras' squared movements; more is no scale
 
 
 def scale_in_moves(adjustment: Adjustment) -> float | None:
@@ -94,7 +98,9 @@ def stated_scale(
             continue
         fitted = refit(_shrunk(data, factor))
         if fitted is not None and scale_in_moves(fitted) is None:
-            return factor, _sentence(data.plate, factor)
+            return factor, scale_sentence(
+                data.plate, factor, "stage disagree in every view", "the unit of the stage"
+            )
     return None
 
 
@@ -117,14 +123,58 @@ def _shrunk(data: CalibrationInput, factor: float) -> CalibrationInput:
     return replace(data, plate=replace(data.plate, points=data.plate.points / factor))
 
 
-def _sentence(plate: Plate, factor: float) -> str:
+def common_scale(before: Array, after: Array, sigma: float) -> float | None:
+    """How many times too far apart a plate's marks are stated, against cameras that are known.
+
+    A plate before known lenses that is stated a factor too large seems as much farther away: all cameras
+    seem to have moved from their middle, or towards it, by one share, which no knock does.
+
+    Parameters
+    ----------
+    before, after
+        (C, 3) centres of the cameras as they are known and as the plate shows them, rig frame, millimetres.
+    sigma
+        Standard uncertainty of each coordinate of the latter, millimetres.
+
+    Returns
+    -------
+    float or None
+        The factor; None where it is 1 within its uncertainty, or does not explain how the cameras seem to
+        have moved.
+    """
+    known, seen = before - before.mean(axis=0), after - after.mean(axis=0)
+    size = float(np.square(known).sum())
+    if size <= 0.0:
+        return None
+    excess = float((known * (seen - known)).sum()) / size
+    if abs(excess) <= max(_SIGMAS * sigma / math.sqrt(size), _LEAST_AGAINST_CAMERAS):
+        return None
+    rest = float(np.square(seen - (1.0 + excess) * known).sum())
+    explained = abs(excess) <= _MOST_AGAINST_CAMERAS and rest <= _UNEXPLAINED * excess * excess * size
+    return 1.0 + excess if explained else None
+
+
+def scale_sentence(plate: Plate, factor: float, against: str, then: str) -> str:
+    """Say by how much the plate's marks are stated too far apart, what pitch would fit, and what to check.
+
+    Parameters
+    ----------
+    plate
+        As stated.
+    factor
+        Of the pitch.
+    against
+        What the plate disagrees with, and where.
+    then
+        What to check after the plate.
+    """
     indices = plate.indices - plate.indices.mean(axis=0)
     pitch = float((indices * plate.points[:, :2]).sum() / np.square(indices).sum())
     unit = next((text for known, text in _UNITS.items() if abs(factor / known - 1.0) < _SAME_UNIT), None)
     by = f"{100.0 * (factor - 1.0):+.2f} %" if 0.5 < factor < 2.0 else f"a factor of {factor:.4g}"
     return (
-        f"plate and stage disagree in every view by one common scale, {by}: a pitch of "
+        f"plate and {against} by one common scale, {by}: a pitch of "
         f"{pitch / factor:.4g} mm would fit where {pitch:.4g} mm is stated"
         + ("" if unit is None else f", as would {unit}")
-        + "; check the plate's pitch_mm and certificate first, then the unit of the stage"
+        + f"; check the plate's pitch_mm and certificate first, then {then}"
     )

@@ -79,6 +79,17 @@ def _extents(table: Array, starts: Index) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _halve(table: Array) -> int:
+    """Keep every second row of a full table, the first among them; returns how many there are then."""
+    kept = 0
+    for i in range(0, table.shape[0], 2):
+        for k in range(table.shape[1]):
+            table[kept, k] = table[i, k]
+        kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def find_crosses(
     steep: Array,
     steep_starts: Index,
@@ -92,7 +103,8 @@ def find_crosses(
     """Crosses of steep chains with flat ones; returns how many were written to `out`.
 
     Each cross is the meeting of two straight lines fitted to the points on both sides of it; the nearest
-    ones, where either line disturbs the other, take no part.
+    ones, where either line disturbs the other, take no part. Of more crosses than there is room for every
+    second, fourth, … is kept, all over the image.
 
     Parameters
     ----------
@@ -107,7 +119,8 @@ def find_crosses(
     out
         (capacity, 6): x, y, steep chain, flat chain, slope dx/dy of the steep one, dy/dx of the flat one.
     """
-    found = 0
+    found = met = 0
+    every = 1
     ends, steep_ends = _extents(flat, flat_starts), _extents(steep, steep_starts)
     for a in range(steep_starts.size - 1):
         a0, a1 = steep_starts[a], steep_starts[a + 1]
@@ -137,7 +150,9 @@ def find_crosses(
                     continue
                 here = steep[i, 1] - flat[j, 0]
                 if before < 0.0 <= here:
-                    if found < out.shape[0] and _meet(
+                    if found == out.shape[0]:
+                        found, every = _halve(out), 2 * every
+                    if _meet(
                         steep,
                         a0,
                         a1,
@@ -152,7 +167,8 @@ def find_crosses(
                         out[found],
                     ):
                         out[found, 2], out[found, 3] = a, b
-                        found += 1
+                        found += met % every == 0
+                        met += 1
                     break
                 before = here if here != 0.0 else -1e-9
     return found

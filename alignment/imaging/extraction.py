@@ -9,8 +9,9 @@ import numpy as np
 
 from alignment.arrays import Array, Index
 from alignment.imaging import chains, ridges
+from alignment.imaging.centre_noise import SECOND_DIFFERENCE, centre_deviation
 from alignment.imaging.crosses import find_crosses
-from alignment.imaging.ridges import LEVEL, STRENGTH, WIDTH2, X, Y, row_of
+from alignment.imaging.ridges import STRENGTH, WIDTH2, X, Y, row_of
 from alignment.imaging.tracing import follow
 from alignment.kernels import njit, prange
 
@@ -18,10 +19,15 @@ from alignment.kernels import njit, prange
 SIGMA, POINT_STRENGTH = range(2)
 #: Columns of the cross table: place, steep line, flat line, slope dx/dy of the steep and dy/dx of the flat.
 CROSS_COLUMNS = 6
-#: Entries of the counts: points, lines, steep lines, crosses, width in 1/1000 px (0: no lines).
-POINTS, LINES, STEEP_LINES, CROSSES, MILLIWIDTH = range(5)
+#: Entries of the counts: points, lines, steep lines, crosses, width in 1/1000 px (0: no lines), points before
+#: they were thinned, whether there was more than can be thinned.
+POINTS, LINES, STEEP_LINES, CROSSES, MILLIWIDTH, FOUND, CROWDED = range(7)
+COUNTS = 7
 
+#: More points and crosses are thinned evenly; more lines are none of a projector's.
 MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
+LEAST_SHARE = 0.25
+"""Of the points of an image that are kept; with fewer the lines would come apart."""
 
 _PROBE_SIGMA = 1.5
 _PROBE_STEP = 32
@@ -36,15 +42,10 @@ _STEEPEST = 1.05  # slope to the scan direction; steeper points belong to the ot
 _GATE = 1.5  # pixels from a chain's prediction; a crossing line pulls its points aside by about one
 _FILTER = 1.1  # of the lines' spread: little noise, and little of the relief beside a point
 _DISTURBED = 3.6  # line widths within which another line disturbs a centre
-_SECOND_DIFFERENCE = math.sqrt(6.0)  # standard deviation of a − 2b + c for unit noise
 _QUANTISATION = math.sqrt(1.0 / 12.0)
-_MEAN_OF_MODULUS = math.sqrt(2.0 / math.pi)
 _CROSS_POINTS = 3.5  # looked at points on either side of a cross that tell where a line runs
-_UNKNOWN_SIGMA = 0.1  # pixels, where there are too few points to tell
-_LEAST_SIGMA = 0.005
 _HISTOGRAM = 4096
-_CLASSES = 8
-_SHOWN = 3000  # second differences, or up to twice as many, that show the noise of an image
+_MOST_CHAINS = 1 << 14  # pieces of lines; each is compared with each
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -77,7 +78,7 @@ def contrast_of(image: Any, view: Index, bits: int) -> float:
             levels[b >> shift] += 1
             second = int(abs(a - 2 * b + c))
             noise[min(second, noise.size - 1)] += 1
-    sigma = max(_share(noise, 0.5) / 0.6745 / _SECOND_DIFFERENCE, _QUANTISATION)
+    sigma = max(_share(noise, 0.5) / 0.6745 / SECOND_DIFFERENCE, _QUANTISATION)
     swing = (_share(levels, 0.995) - _share(levels, 0.5)) * 2**shift
     return float(max(3.0, 5.0 * sigma, 0.03 * swing))
 
@@ -210,6 +211,9 @@ def _trace(
     order, starts = ridges.link_rows(
         table, rows, step, _GATE, math.ceil(gap / step), max(4, int(shortest / step))
     )
+    if starts.size > _MOST_CHAINS:
+        linked = _take(table, order)
+        return linked, starts, chains.chain_slopes(linked, starts), False
     # A crossing line may hide the ridge for several widths.
     order, starts = ridges.join_chains(table, order, starts, 10.0 * width + 4.0 * step, _GATE)
     linked = _take(table, order)
@@ -225,70 +229,6 @@ def _trace(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def centre_deviation(table: Array, starts: Index) -> Array:
-    """Standard deviation of each centre along its row, pixels.
-
-    Second differences along the lines show the noise itself. The variance of a centre is
-    (a + b·level)/strength², with read noise in a and shot noise in b: both come from the means of a few
-    classes of brightness, with outliers cut off.
-    """
-    n = table.shape[0]
-    out = np.full(n, _UNKNOWN_SIGMA)
-    residual, shown = np.empty(n), np.empty(n)
-    count, thin = 0, max(1, n // _SHOWN)
-    for c in range(starts.size - 1):
-        for i in range(starts[c] + 1, starts[c + 1] - 1, thin):
-            if table[i + 1, Y] - table[i - 1, Y] == 2.0:
-                second = table[i + 1, X] - 2.0 * table[i, X] + table[i - 1, X]
-                residual[count] = abs(second) / _SECOND_DIFFERENCE * table[i, STRENGTH]
-                shown[count] = table[i, LEVEL]
-                count += 1
-    if count < 64:
-        return out
-    residual, shown = residual[:count], shown[:count]
-    lo = shown.min()
-    per_level = _CLASSES / max(shown.max() - lo, 1e-9)
-    # Two passes: the mean modulus of each class, then again without what exceeds four times it.
-    limit = np.full(_CLASSES, np.inf)
-    number = np.zeros(_CLASSES)
-    modulus = np.zeros(_CLASSES)
-    level = np.zeros(_CLASSES)
-    for _ in range(2):
-        number[:] = 0.0
-        modulus[:] = 0.0
-        level[:] = 0.0
-        for i in range(count):
-            k = min(_CLASSES - 1, int(per_level * (shown[i] - lo)))
-            if residual[i] < limit[k]:
-                number[k] += 1.0
-                modulus[k] += residual[i]
-                level[k] += shown[i]
-        for k in range(_CLASSES):
-            limit[k] = 4.0 * modulus[k] / max(number[k], 1.0) + 1e-12
-    # Weighted line through the classes' variances; neither noise source is negative.
-    total = sx = sy = 0.0
-    for k in range(_CLASSES):
-        if number[k] > 0.0:
-            level[k] /= number[k]
-            modulus[k] = (modulus[k] / number[k] / _MEAN_OF_MODULUS) ** 2
-            total += number[k]
-            sx += number[k] * level[k]
-            sy += number[k] * modulus[k]
-    mean_level, mean_variance = sx / total, sy / total
-    sxx = sxy = 0.0
-    for k in range(_CLASSES):
-        sxx += number[k] * (level[k] - mean_level) ** 2
-        sxy += number[k] * (level[k] - mean_level) * modulus[k]
-    b = sxy / sxx if sxx > 1e-9 else 0.0
-    b = min(max(b, 0.0), mean_variance / max(mean_level, 1e-9))
-    a = mean_variance - b * mean_level
-    for i in range(n):
-        variance = max(a + b * table[i, LEVEL], 0.0)
-        out[i] = max(math.sqrt(variance) / max(table[i, STRENGTH], 1e-9), _LEAST_SIGMA)
-    return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _clean(
     table: Array,
     starts: Index,
@@ -298,6 +238,30 @@ def _clean(
     other_slope: Array,
     shape: tuple[int, int],
     other_width: float,
+    serves: bool,
+) -> tuple[Array, Index]:
+    """One direction's undisturbed points, and the first of each chain; no points where it does not serve.
+
+    All chains stay, if empty, so that their numbers do not change.
+    """
+    kept_starts = np.zeros_like(starts)
+    if not serves:
+        return np.empty((0, table.shape[1])), kept_starts
+    radius = _DISTURBED * other_width
+    shadow = chains.shadow(other, other_starts, other_slope, _STEEPEST, radius, (shape[1], shape[0]))
+    keep = chains.undisturbed(table, slope, _STEEPEST, shadow, shape, 2.0 * radius)
+    for c in range(starts.size - 1):
+        count = 0
+        for i in range(starts[c], starts[c + 1]):
+            count += keep[i]
+        kept_starts[c + 1] = kept_starts[c] + count
+    return _take(table, np.flatnonzero(keep)), kept_starts
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _write(
+    kept: Array,
+    starts: Index,
     flat: bool,
     points: Array,
     tangents: Array,
@@ -306,39 +270,35 @@ def _clean(
     line_starts: Index,
     line: int,
     corner: tuple[float, float],
+    found: int,
 ) -> int:
-    """Write one direction's undisturbed points behind `offset` and its lines behind `line`.
+    """Write one direction's points behind `offset` and its lines behind `line`.
 
-    Points count in the image, whose part starts at `corner`; chains in the part. All chains stay, if empty,
-    so that their numbers do not change. Returns the new number of points.
+    Of the `found` points of both directions as many are taken as there is room for, evenly along all lines.
+    Points count in the image, whose part starts at `corner`; chains in the part. Returns the new number of
+    points.
     """
-    radius = _DISTURBED * other_width
-    shadow = chains.shadow(other, other_starts, other_slope, _STEEPEST, radius, (shape[1], shape[0]))
-    keep = chains.undisturbed(table, slope, _STEEPEST, shadow, shape, 2.0 * radius)
-    kept = _take(table, np.flatnonzero(keep))
-    kept_starts = np.zeros_like(starts)
-    for c in range(starts.size - 1):
-        count = 0
-        for i in range(starts[c], starts[c + 1]):
-            count += keep[i]
-        kept_starts[c + 1] = kept_starts[c] + count
-    lean = chains.chain_slopes(kept, kept_starts)
-    sigma = centre_deviation(kept, kept_starts)
-    room = points.shape[0] - offset
-    count = min(kept.shape[0], room)
+    lean = chains.chain_slopes(kept, starts)
+    sigma = centre_deviation(kept, starts)
+    room = min(points.shape[0], found)
     first, second = (1, 0) if flat else (0, 1)
-    for i in range(count):
-        along = math.sqrt(1.0 + lean[i] * lean[i])
-        k = offset + i
-        points[k, first] = kept[i, X] + corner[first]
-        points[k, second] = kept[i, Y] + corner[second]
-        tangents[k, first] = lean[i] / along
-        tangents[k, second] = 1.0 / along
-        noise[SIGMA, k] = sigma[i] / along
-        noise[POINT_STRENGTH, k] = kept[i, STRENGTH]
+    k, due = offset, 0
     for c in range(starts.size - 1):
-        line_starts[line + c + 1] = offset + min(kept_starts[c + 1], room)
-    return int(offset + count)
+        for i in range(starts[c], starts[c + 1]):
+            due += room
+            if due < found:
+                continue
+            due -= found
+            along = math.sqrt(1.0 + lean[i] * lean[i])
+            points[k, first] = kept[i, X] + corner[first]
+            points[k, second] = kept[i, Y] + corner[second]
+            tangents[k, first] = lean[i] / along
+            tangents[k, second] = 1.0 / along
+            noise[SIGMA, k] = sigma[i] / along
+            noise[POINT_STRENGTH, k] = kept[i, STRENGTH]
+            k += 1
+        line_starts[line + c + 1] = k
+    return k
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -386,20 +346,36 @@ def _extract(
     shape, corner = (view[3] - view[1], view[2] - view[0]), (float(view[0]), float(view[1]))
     steep_lines, flat_lines = steep_starts.size - 1, flat_starts.size - 1
     if steep_lines + flat_lines + 1 > line_starts.size:
+        counts[CROWDED] = 1
         return
-    n = 0
-    line_starts[1 : steep_lines + flat_lines + 1] = 0
-    if steep_serves:
-        n = _clean(
-            steep, steep_starts, steep_slope, flat, flat_starts, flat_slope,
-            shape, flat_width, no, points, tangents, noise, none, line_starts, none, corner,
-        )  # fmt: skip
-    line_starts[steep_lines + 1 : steep_lines + flat_lines + 1] = n
-    if flat_serves:
-        n = _clean(
-            flat, flat_starts, flat_slope, steep, steep_starts, steep_slope, (shape[1], shape[0]),
-            steep_width, yes, points, tangents, noise, n, line_starts, steep_lines, corner,
-        )  # fmt: skip
+    clear_steep, clear_steep_starts = _clean(
+        steep, steep_starts, steep_slope, flat, flat_starts, flat_slope, shape, flat_width, steep_serves
+    )
+    clear_flat, clear_flat_starts = _clean(
+        flat, flat_starts, flat_slope, steep, steep_starts, steep_slope, (shape[1], shape[0]), steep_width,
+        flat_serves,
+    )  # fmt: skip
+    found = clear_steep.shape[0] + clear_flat.shape[0]
+    counts[FOUND] = found
+    if points.shape[0] < LEAST_SHARE * found:
+        counts[CROWDED] = 1
+        return
+    n = _write(
+        clear_steep, clear_steep_starts, no, points, tangents, noise, none, line_starts, none, corner, found
+    )
+    n = _write(
+        clear_flat,
+        clear_flat_starts,
+        yes,
+        points,
+        tangents,
+        noise,
+        n,
+        line_starts,
+        steep_lines,
+        corner,
+        found,
+    )
     width = 0.5 * (steep_width + flat_width)
     if steep_serves != flat_serves:
         width = steep_width if steep_serves else flat_width

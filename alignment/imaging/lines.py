@@ -38,6 +38,10 @@ class LightLines:
         Standard deviation of the lines' cross profile, pixels.
     crosses
         Where lines of the two directions meet.
+    share
+        Of the points that were found, which are thinned evenly where there are more than the program takes.
+    crowded
+        True where there were so many lines or points that they cannot be thinned; there are none then.
     """
 
     points: Array
@@ -47,6 +51,8 @@ class LightLines:
     starts: Index
     width: float
     crosses: Crosses
+    share: float = 1.0
+    crowded: bool = False
 
     @property
     def count(self) -> int:
@@ -72,7 +78,9 @@ def extract_many(
     along a line that lies aslant to the rows shifts it, by σ² · d ln A/dx with intensity A and deviation σ.
     That is left alone: both cameras of a head see the same shading and take the same neighbouring place of
     the surface, whose depth is right; an estimate of the shift in each image would err differently in both.
-    Points that a line of the other direction disturbs are left out.
+    Points that a line of the other direction disturbs are left out. More than `extraction.MAX_POINTS` are
+    thinned evenly, along all lines; a pattern of more than `extraction.MAX_LINES` lines, or of four times as
+    many points, is crowded.
 
     Parameters
     ----------
@@ -105,7 +113,7 @@ def extract_many(
     noise = block[2].reshape(n, 2, extraction.MAX_POINTS)
     starts = np.empty((n, extraction.MAX_LINES), np.int64)
     crosses = np.empty((n, extraction.MAX_CROSSES, extraction.CROSS_COLUMNS))
-    counts = np.empty((n, 5), np.int64)
+    counts = np.empty((n, extraction.COUNTS), np.int64)
     extraction.extract_all(
         List(same),
         views,
@@ -129,9 +137,9 @@ def extract_many(
 
 def _lines(
     points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array, corner: Array,
-    number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int,
+    number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int, offered: int, crowded: int,
 ) -> LightLines | None:  # fmt: skip
-    if milliwidth == 0:
+    if milliwidth == 0 and not crowded:
         return None
     found = crosses[:meetings]
     meet = found[:, 2:4].astype(np.int64) + np.array([0, steep_lines])
@@ -143,4 +151,6 @@ def _lines(
         starts=starts[: lines + 1],
         width=milliwidth / 1000.0,
         crosses=Crosses(found[:, :2] + corner, meet, found[:, 4:6].copy()),
+        share=float(number / offered) if offered else 1.0,
+        crowded=bool(crowded),
     )

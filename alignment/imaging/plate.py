@@ -79,12 +79,20 @@ class MarkObservations:
     corrected
         True when `pixels` are the projections of the marks' centres; False when they are the centres of the
         imaged contours, which perspective and distortion shift from there.
+    blur_px
+        Standard deviation of the blur of the marks' edges, pixels, the median over the marks; None where it
+        is not known.
+    contrast
+        Grey levels between mark and ground over the noise of a pixel, the median over the marks; None where
+        it is not known.
     """
 
     marks: Index
     pixels: Array
     covariance: Array
     corrected: bool = True
+    blur_px: float | None = None
+    contrast: float | None = None
 
     def __post_init__(self) -> None:
         count = len(self.marks)

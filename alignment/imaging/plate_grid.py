@@ -166,6 +166,8 @@ def identify_marks(
         pixels=pixels[order],
         covariance=marks.covariance[rows][order],
         corrected=corrected,
+        blur_px=float(np.median(marks.blur[rows])),
+        contrast=float(np.median(marks.contrast[rows])) / marks.exposure.noise,
     )
 
 

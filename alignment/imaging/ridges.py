@@ -18,11 +18,13 @@ from alignment.kernels import njit
 #: Columns of a table of ridge points; the width stands last, where it is known.
 X, Y, STRENGTH, LEVEL, WIDTH2 = 0, 1, 2, 3, 4
 COLUMNS = 5
-_MAX_PER_ROW = 192
+_PER_ROW = 192  # ridges that a row has room for at first
+_OPEN = 256  # chains that are open at once, at first
 _BLOCK = 32
 _TILE = 64
 _PULLED = 6  # points at a chain's end that a crossing line may have pulled aside
 _MEMORY = 16  # points over which a chain's direction is taken
+_OVERLAP = 64.0  # pixels; ridges of a row stand in order but for those of two lively stretches
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -167,6 +169,14 @@ def _levels(grey: Singles, flank: int) -> tuple[float, float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _roomier(full: Any) -> Any:
+    """Return the rows of a full table in one with room for twice as many."""
+    out = np.empty((2 * full.shape[0], full.shape[1]), full.dtype)
+    out[: full.shape[0]] = full
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_rows(
     image: Any,
     view: Index,
@@ -205,7 +215,7 @@ def scan_rows(
     margin = pad + 1
     rows = (height + step - 1) // step
     starts = np.zeros(rows + 1, np.int64)
-    table = np.empty((rows * _MAX_PER_ROW, COLUMNS))  # pages that stay unused cost nothing
+    table = np.empty((rows * _PER_ROW, COLUMNS))  # pages that stay unused cost nothing
     blocks = (width + _BLOCK - 1) // _BLOCK
     lively = np.zeros(blocks, np.bool_)
     grey = np.empty(width + 2 * pad, np.float32)
@@ -214,7 +224,6 @@ def scan_rows(
     for j in range(rows):
         y = j * step
         row = row_of(image, view, y)
-        found = 0
         _mark_lively(row, contrast, lively)
         behind = 0
         while behind < blocks:
@@ -227,13 +236,15 @@ def scan_rows(
             _respond(row, lo, hi, pad, weights, grey, response)
             for x in range(1, hi - lo - 2):
                 b, c = response[x], response[x + 1]
-                if not (b > 0.0 and c <= 0.0) or found == _MAX_PER_ROW:
+                if not (b > 0.0 and c <= 0.0):
                     continue
                 centre, left, right = _levels(grey[x + pad - flank - 1 : x + pad + flank + 3], flank)
                 if centre - max(left, right) < contrast:
                     continue
                 a, d = response[x - 1], response[x + 2]
                 slope = float(b - c)
+                if n == table.shape[0]:
+                    table = _roomier(table)
                 out = table[n]
                 out[X] = lo + x + zero_of_cubic(float(a), float(b), float(c), float(d))
                 out[Y] = y
@@ -242,7 +253,6 @@ def scan_rows(
                 # A Gaussian of height A has slope A/σ² at its top.
                 out[WIDTH2] = (centre - min(left, right)) / slope
                 n += 1
-                found += 1
         starts[j + 1] = n
     return table[:n], starts
 
@@ -272,7 +282,16 @@ def _claim(
     if length[c] < 4:
         width += step
     best, best_distance = -1, width
-    for i in range(lo, hi):
+    first, behind = lo, hi
+    while first < behind:
+        middle = (first + behind) // 2
+        if table[middle, X] < expected - width - _OVERLAP:
+            first = middle + 1
+        else:
+            behind = middle
+    for i in range(first, hi):
+        if table[i, X] > expected + width + _OVERLAP:
+            break
         distance = abs(table[i, X] - expected)
         if distance < best_distance:
             best, best_distance = i, distance
@@ -285,6 +304,15 @@ def _claim(
         if abs(table[best, X] - rival_expected) <= best_distance:
             return
     taken[best - lo] = c
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _longer(full: Any) -> Any:
+    """Return the numbers of a full list in one with room for twice as many."""
+    out = np.empty(2 * full.size, full.dtype)
+    for i in range(full.size):
+        out[i] = full[i]
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -317,12 +345,14 @@ def link_rows(
     rows = starts.size - 1
     follower = np.full(n, -1, np.int64)
     is_head = np.ones(n, np.bool_)
-    tail = np.empty(256, np.int64)  # last point of each open chain
-    anchor = np.empty(256, np.int64)  # a point some way back: the slope between both outlives a crossing
-    slope = np.empty(256)
-    length = np.empty(256, np.int64)
-    open_chains = 0
-    taken = np.empty(_MAX_PER_ROW, np.int64)
+    tail = np.empty(_OPEN, np.int64)  # last point of each open chain
+    anchor = np.empty(_OPEN, np.int64)  # a point some way back: the slope between both outlives a crossing
+    slope = np.empty(_OPEN)
+    length = np.empty(_OPEN, np.int64)
+    open_chains = most = 0
+    for j in range(rows):
+        most = max(most, starts[j + 1] - starts[j])
+    taken = np.empty(most, np.int64)
     for j in range(rows):
         lo, hi = starts[j], starts[j + 1]
         for i in range(hi - lo):
@@ -350,7 +380,11 @@ def link_rows(
                 kept += 1
         open_chains = kept
         for i in range(lo, hi):
-            if taken[i - lo] < 0 and open_chains < tail.size:
+            if taken[i - lo] < 0:
+                if open_chains == tail.size:
+                    tail, anchor, slope, length = (
+                        _longer(tail), _longer(anchor), _longer(slope), _longer(length),
+                    )  # fmt: skip
                 tail[open_chains] = anchor[open_chains] = i
                 slope[open_chains] = 0.0
                 length[open_chains] = 1

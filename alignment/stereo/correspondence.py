@@ -45,6 +45,9 @@ class Candidates:
         times the change of the log ratio per millimetre it is that way, for an upright line.
     offered
         Left line points that cross the epipolar lines well enough to be matched at all.
+    every
+        One left line point of how many was looked at; more than 1 where a pattern is so ambiguous that the
+        candidates of all would be too many.
     """
 
     points: Array
@@ -56,6 +59,7 @@ class Candidates:
     right_point: Index
     light: Array
     offered: int
+    every: int = 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -69,6 +73,22 @@ def _line_slopes(uv: Array, starts: Index, out: Array) -> None:
             dv = uv[hi, 1] - uv[lo, 1]
             length = np.sqrt(du * du + dv * dv)
             out[i] = abs(dv) / length if length > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _thin(
+    every: int, points: Array, rays: Array, sigma: Array, spread: Array, light: Array, indices: Index
+) -> int:
+    """Keep the candidates of every so many left line points, in place; returns how many there are then."""
+    n = 0
+    for i in range(sigma.size):
+        if indices[0, i] % every == 0:
+            for k in range(3):
+                points[n, k], rays[n, k], light[n, k] = points[i, k], rays[i, k], light[i, k]
+                indices[k, n] = indices[k, i]
+            sigma[n], spread[n] = sigma[i], spread[i]
+            n += 1
+    return n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -98,14 +118,14 @@ def _match(
     spread: Array,
     light: Array,
     indices: Index,
-) -> tuple[int, int]:
-    """Candidates into the rows of the last six; how many, and how many points were offered.
+) -> tuple[int, int, int]:
+    """Candidates into the rows of the last six; how many, of how many points, and `Candidates.every`.
 
     `variance` is that of the lines' profile, in the units of `left`, squared.
     """
     capacity = points.shape[0]
-    n = 0
-    offered = 0
+    n = offered = 0
+    every = 1
     r00, r01, r02 = rig_from_rectified[0, 0], rig_from_rectified[0, 1], rig_from_rectified[0, 2]
     r10, r11, r12 = rig_from_rectified[1, 0], rig_from_rectified[1, 1], rig_from_rectified[1, 2]
     r20, r21, r22 = rig_from_rectified[2, 0], rig_from_rectified[2, 1], rig_from_rectified[2, 2]
@@ -126,7 +146,7 @@ def _match(
         for b in range(rows):
             pointer[b] = right_starts[b]
         for i in range(left_starts[a], left_starts[a + 1]):
-            if left_sine[i] < flattest:
+            if left_sine[i] < flattest or (every > 1 and i % every != 0):
                 continue
             offered += 1
             u, v = left[i, 0], left[i, 1]
@@ -165,8 +185,12 @@ def _match(
                 disparity = u - (right[j, 0] + t * (right[j + 1, 0] - right[j, 0]))
                 if disparity < dmin or disparity > dmax:
                     continue
-                if n == capacity:  # a pattern this ambiguous is thinned, not refused
-                    continue
+                # A pattern this ambiguous is thinned, not refused: by whole points, all over the image.
+                while n == capacity:
+                    every *= 2
+                    n = _thin(every, points, rays, sigma, spread, light, indices)
+                if every > 1 and i % every != 0:
+                    break
                 z = baseline / disparity
                 su = left_sigma[i] / left_sine[i]
                 sr = right_sigma[j] / right_sine[j]
@@ -182,7 +206,11 @@ def _match(
                 light[n, GAIN] = z / baseline * spread[n] * norm
                 indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
-    return n, offered
+    if every > 1:
+        offered = 0
+        for i in range(0, left_sine.size, every):
+            offered += left_sine[i] >= flattest
+    return n, offered, every
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
@@ -226,7 +254,7 @@ def _match_all(
     for head in prange(images // 2):
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
         a, b, c = first_points[left], first_points[right], first_points[right + 1]
-        counts[head, 0], counts[head, 1] = _match(
+        counts[head, 0], counts[head, 1], counts[head, 2] = _match(
             uv[a:b], starts[first_lines[left] : first_lines[right]], sine[a:b], sigmas[a:b],
             strengths[a:b], tangents[a:b],
             uv[b:c], starts[first_lines[right] : first_lines[right + 1]], sine[b:c], sigmas[b:c],
@@ -311,7 +339,8 @@ def match_heads(
     Returns
     -------
     list of Candidates
-        All intersections inside the depth range; a point may have several, or none.
+        All intersections inside the depth range; a point may have several, or none. Where there are more than
+        four for each point, some points are left out, evenly (`Candidates.every`).
     """
     heads = len(geometry.baselines)
     every = [each for pair in lines for each in pair]
@@ -322,7 +351,7 @@ def match_heads(
     light = np.empty((heads, capacity, 3))
     widths = np.array([each.width for each in every]) / geometry.focal
     indices = np.empty((heads, 3, capacity), np.int64)
-    counts = np.zeros((heads, 2), np.int64)
+    counts = np.zeros((heads, 3), np.int64)
     _match_all(
         np.concatenate([each.points for each in every]),
         np.concatenate([each.starts for each in every]),
@@ -359,8 +388,9 @@ def match_heads(
             right_point=indices[k, 2, :n],
             light=light[k, :n],
             offered=int(offered),
+            every=int(every),
         )
-        for k, (n, offered) in enumerate(counts)
+        for k, (n, offered, every) in enumerate(counts)
     ]
 
 

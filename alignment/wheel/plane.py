@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from alignment.arrays import Array, Index
+from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry.projective import require_finite
 from alignment.robust import BIWEIGHT, deviation_of
 
 _LEAST_INFORMATION = 0.3  # of the weights; less is no fit
+_RING = 1.0  # mm; width of the rings whose points count as one
+_ALIKE = 4  # rings; farther apart the heights of two rings of a sidewall tell nothing of each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +31,20 @@ class PlaneFit:
     tilt_axes: Array
 
 
-def fit_plane(points: Array, cluster: Index, normal: Array, *, iterations: int = 30) -> PlaneFit:
+def fit_plane(points: Array, radius: Array, normal: Array, *, iterations: int = 30) -> PlaneFit:
     """Fit a plane to points (N, 3), millimetres, by iterated total least squares with Tukey's weights.
+
+    A sidewall is no plane. What stands above the plane at one radius stands above it all around the wheel and
+    in all heads, so that the points of a ring count as one, and rings next to each other nearly: the
+    covariance is the sandwich of the M-estimator (Huber 1981, 6.3) with the residuals summed by rings, whose
+    correlation ends a few millimetres apart (Newey, West 1987).
 
     Parameters
     ----------
     points
         (N, 3) rig frame, millimetres.
-    cluster
-        (N,) numbers from 0; residuals inside one may be correlated (see `fit_revolution`).
+    radius
+        (N,) distances from the wheel's axis, millimetres.
     normal
         (3,) which side is outboard.
 
@@ -70,12 +77,14 @@ def fit_plane(points: Array, cluster: Index, normal: Array, *, iterations: int =
     # A tilt along e moves the residual of a point by its coordinate along e.
     along = (points - centroid) @ axes[:2].T
     inverse = np.linalg.inv((weights[:, None] * along).T @ along)
-    clusters = int(cluster.max()) + 1
-    gradients = np.column_stack(
-        [np.bincount(cluster, weights * residuals * along[:, k], clusters) for k in range(2)]
-    )
+    ring = ((radius - radius.min()) / _RING).astype(np.int64)
+    gradients = np.column_stack([np.bincount(ring, weights * residuals * along[:, k]) for k in range(2)])
+    square = gradients.T @ gradients
+    for lag in range(1, min(_ALIKE, len(gradients))):
+        shared = gradients[lag:].T @ gradients[:-lag]
+        square = square + (1.0 - lag / _ALIKE) * (shared + shared.T)
     # The biweight's influence falls before its weight does: its slope, not the weight, is the information.
     root = np.sqrt(weights)
     information = float((root * (5.0 * root - 4.0)).sum() / weights.sum())
-    half = gradients @ inverse / max(information, _LEAST_INFORMATION)
-    return PlaneFit(axes[2], centroid, weights, residuals, half.T @ half, axes[:2])
+    inverse /= max(information, _LEAST_INFORMATION)
+    return PlaneFit(axes[2], centroid, weights, residuals, inverse @ square @ inverse, axes[:2])

@@ -77,6 +77,11 @@ class RevolutionFit:
             np.ascontiguousarray(points), self.centre, frame, self.knots_start, self.knots_step, self.profile
         )
 
+    def radii(self, points: Array) -> Array:
+        """Distances (N,) of points (N, 3) from the axis, millimetres."""
+        out: Array = np.hypot(*(self.tilt_axes @ (points - self.centre).T))
+        return out
+
 
 @dataclass(eq=False)
 class _State:

@@ -2,7 +2,7 @@
 
 Where a light line crosses a circular ridge of the sidewall, it bends. Up to three bends per head on one
 circle, nine points for three heads, lie in a plane across the wheel's axis. It is kept for comparison: nine
-points know a plane twenty times worse than the thousands of points along all lines.
+points know a plane some hundred times worse than the thousands of points along all lines.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def fit_ridges(points: Array, head: Index, line: Index, surface: RevolutionFit, 
     local = (points - surface.centre) @ frame.T
     radius, height = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
     bounds = np.r_[0, np.flatnonzero(line[1:] != line[:-1]) + 1, len(line)]
-    best: Array | None = None
+    best: tuple[Array, Index] | None = None
     for circle in _sharpest_circles(surface):
         found, of_head = [], []
         for first, last in pairwise(bounds):
@@ -67,15 +67,15 @@ def fit_ridges(points: Array, head: Index, line: Index, surface: RevolutionFit, 
                 of_head.append(int(head[first]))
         whose = np.array(of_head, dtype=np.int64)
         kept = np.concatenate([_spread(np.flatnonzero(whose == k), found) for k in range(heads)])
-        if len(np.unique(whose[kept])) == heads and (best is None or len(kept) > len(best)):
-            best = np.array(found)[kept]
-        if best is not None and len(best) == heads * BENDS_PER_HEAD:
+        if len(np.unique(whose[kept])) == heads and (best is None or len(kept) > len(best[1])):
+            best = np.array(found)[kept], whose[kept]
+        if best is not None and len(best[1]) == heads * BENDS_PER_HEAD:
             break
     if best is None:
         raise DegenerateInputError(
             field="points", expected="a circle on which the lines of every head bend", seen="none"
         )
-    return _plane(best, surface.normal)
+    return plane_of_bends(*best, surface.normal)
 
 
 def _sharpest_circles(surface: RevolutionFit) -> Array:
@@ -135,8 +135,27 @@ def _spread(which: Index, found: list[Array]) -> Index:
     return order[np.linspace(0, len(order) - 1, BENDS_PER_HEAD).round().astype(np.int64)]
 
 
-def _plane(points: Array, normal: Array) -> PlaneFit:
-    """Plane through a few points; those far from it are put out one by one."""
+def plane_of_bends(points: Array, head: Index, normal: Array) -> PlaneFit:
+    """Fit a plane to a few bends (N, 3), millimetres; those far from it are put out one by one.
+
+    A bend that is round and not sharp is found some tenths of a millimetre up or down the sidewall, its
+    neighbours before the same head all alike: in the covariance they count as one. Three heads carry a plane
+    whatever they err, so that the residuals do not show what the bends of a head share. Their heights along
+    the wheel's axis do, which the surface of revolution knows far better. The variance of a height is taken
+    from both, those of the bends that were put out among them.
+
+    Parameters
+    ----------
+    points, head
+        (N, 3) rig frame, and the number of the head that saw each (N,).
+    normal
+        (3,) the wheel's axis, outboard.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the bends lie on a line.
+    """
     kept = np.ones(len(points), dtype=np.bool_)
     while True:
         centroid = points[kept].mean(axis=0)
@@ -151,8 +170,15 @@ def _plane(points: Array, normal: Array) -> PlaneFit:
             break
         kept[worst] = False
     axes = np.array([vectors[0], np.cross(n, vectors[0])])
-    along = (points[kept] - centroid) @ axes.T
-    variance = float(np.square(residuals[kept]).sum()) / max(int(kept.sum()) - 3, 1)
-    return PlaneFit(
-        n, centroid, kept.astype(np.float64), residuals, variance * np.linalg.inv(along.T @ along), axes
-    )
+    heights = points @ normal
+    squares = np.square(residuals).sum() + np.square(heights - heights.mean()).sum()
+    freedom = max(len(points) - 3, 1) + len(points) - 1
+    along, whose = (points[kept] - centroid) @ axes.T, head[kept]
+    pulls = np.zeros((2, 2))
+    for k in np.unique(whose):
+        mine = along[whose == k]
+        apart = mine - mine.mean(axis=0)
+        pulls += np.outer(mine.sum(axis=0), mine.sum(axis=0)) + apart.T @ apart
+    inverse = np.linalg.inv(along.T @ along)
+    covariance = squares / freedom * (inverse @ pulls @ inverse)
+    return PlaneFit(n, centroid, kept.astype(np.float64), residuals, covariance, axes)

@@ -57,6 +57,12 @@ class Seen(StrictModel):
     covariances: tuple[tuple[Coordinate, Coordinate, Coordinate], ...] = Field(
         max_length=_MOST_MARKS, description="Variance in x, covariance, variance in y of each, pixels²"
     )
+    blur_px: float | None = Field(
+        default=None, ge=0, le=1e3, description="Blur of the marks' edges, pixels; null where not known"
+    )
+    contrast: float | None = Field(
+        default=None, ge=0, le=1e6, description="Contrast of the marks over the noise; null where not known"
+    )
 
     @model_validator(mode="after")
     def _is_complete(self) -> Seen:
@@ -72,6 +78,8 @@ class Seen(StrictModel):
             np.array(self.pixels, dtype=np.float64).reshape(-1, 2),
             covariance,
             self.corrected,
+            self.blur_px,
+            self.contrast,
         )
 
 
@@ -194,6 +202,8 @@ def _view_fields(view: PlateView) -> dict[str, object]:
             "covariances": np.stack(
                 [of.covariance[:, 0, 0], of.covariance[:, 0, 1], of.covariance[:, 1, 1]], axis=1
             ).tolist(),
+            "blur_px": of.blur_px,
+            "contrast": of.contrast,
         }
         for (head, side), of in view.observations.items()
     ]

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from alignment.believable import LARGEST_SHIFT, certificate_slip
-from alignment.calibration import CalibrationInput, PlateCheck, check_with_plate
+from alignment.calibration import (
+    CalibrationInput,
+    PlateCheck,
+    check_with_plate,
+    image_warnings,
+    worst_blur,
+    worst_contrast,
+)
 from alignment.counting import count_of
 from alignment.errors import ConfigurationError, FormatError, InputError
 from alignment.measure import measure_wheel
@@ -151,13 +158,18 @@ def check_session(
     data = CalibrationInput(session.plate.plate, views, dict(session.sizes), session.stage_sigma_mm)
     found = check_with_plate(data, calibration)
     outcome, reason = judge_plate(found, limits)
-    return Checked(
-        CheckKind.PLATE_SESSION, outcome, reason, session.time_utc, session.rig, plate_figures(found, limits)
-    )
+    warnings = image_warnings(data)
+    figures = plate_figures(found, limits) | {"warnings": list(warnings)}
+    for each, entry in zip(found.cameras, figures["cameras"], strict=True):
+        entry["blur_px"] = worst_blur(data, each.camera)[0]
+        entry["contrast"] = worst_contrast(data, each.camera)[0]
+    return Checked(CheckKind.PLATE_SESSION, outcome, reason, session.time_utc, session.rig, figures)
 
 
 def judge_plate(found: PlateCheck, limits: CheckLimits) -> tuple[CheckOutcome, str]:
     """Verdict on a comparison with a plate, and the sentence that names what changed."""
+    if found.scale_reason is not None:
+        return CheckOutcome.OUT, found.scale_reason
     worst = max(found.cameras, key=lambda each: each.rms_px)
     angles = (
         f"a new calibration would change camber by {found.camber_change / ARCMIN:+.3f}′ and toe by "
@@ -183,6 +195,7 @@ def plate_figures(found: PlateCheck, limits: CheckLimits) -> dict[str, Any]:
     return {
         "residual_rms_px": found.rms_px,
         "corrected_rms_px": found.rms_left_px,
+        "plate_scale": found.scale,
         "camber_change_arcmin": found.camber_change / ARCMIN,
         "toe_change_arcmin": found.toe_change / ARCMIN,
         "allowed_arcmin": limits.angle / ARCMIN,

@@ -108,6 +108,7 @@ def write_calibration_report(
         model=adjustment.model,
         verdict="accepted" if judgement else "refused",
         reason=judgement.reason,
+        warnings=judgement.warnings,
         figures=_figures(judgement, adjustment),
         cameras=_camera_table(adjustment, judgement),
         parameters=_parameter_table(adjustment),
@@ -148,13 +149,15 @@ def _camera_table(adjustment: Adjustment, judgement: GateJudgement) -> Table:
             f"{figures.noise_scale:.2f}",
             f"{100 * figures.outliers:.1f} %",
             f"{figures.structure:+.2f}",
+            "" if figures.blur_px is None else f"{figures.blur_px:.2f} px",
+            "" if figures.contrast is None else f"{figures.contrast:.0f}",
             f"{adjustment.redundancy[figures.camera]:.0f}",
         )
         for figures in judgement.cameras
     ]
     head = (
         "camera", "views", "marks", "image covered", "depth range", "noise over stated", "without weight",
-        "correlation", "redundancy",
+        "correlation", "blur", "contrast over noise", "redundancy",
     )  # fmt: skip
     return Table(head, rows)
 

@@ -125,6 +125,9 @@ def calibrate(
         typer.echo(f"wrote {out}: calibration {found.calibration.id}, {duration_s:.1f} s")
     else:
         typer.echo(f"refused ({result['reason_code']}): {result['reason']}")
+    if not as_json:
+        for warning in found.judgement.warnings:
+            typer.echo(f"warning: {warning}")
     if found.calibration is None:
         raise typer.Exit(GOAL_MISSED)
 
@@ -161,6 +164,7 @@ def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: f
         "predicted_toe_u95_deg": in_degrees(judgement.toe_u95),
         "model": None if adjustment is None else adjustment.model,
         "model_chosen_by": None if choice is None else f"left-out {choice.left_out}",
+        "warnings": list(judgement.warnings),
         "views": None if found.data is None else len(found.data.views),
         "marks": None if adjustment is None else len(adjustment.mark),
         "calibration": str(out) if accepted else None,
@@ -174,6 +178,8 @@ def calibrated_as_json(found: Calibrated, out: Path, beside: Path, duration_s: f
                 "noise_scale": figures.noise_scale,
                 "outliers": figures.outliers,
                 "structure": figures.structure,
+                "blur_px": figures.blur_px,
+                "contrast": figures.contrast,
             }
             for figures in judgement.cameras
         ],

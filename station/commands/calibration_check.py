@@ -113,7 +113,8 @@ def _print(checked: Checked, identity: str) -> None:
     console = Console()
     cameras: list[dict[str, Any]] = checked.figures.get("cameras", [])
     if cameras:
-        table = Table("camera", "marks", "RMS px", "shift px", "turn ′", "corrected px", box=None)
+        names = ("camera", "marks", "RMS px", "shift px", "turn ′", "corrected px", "blur px", "contrast")
+        table = Table(*names, box=None)
         for each in cameras:
             u, v = each["shift_px"]
             table.add_row(
@@ -123,6 +124,8 @@ def _print(checked: Checked, identity: str) -> None:
                 f"{u:+.3f} {v:+.3f}",
                 f"{math.hypot(*each['turn_arcmin']):.2f}",
                 f"{each['corrected_rms_px']:.3f}",
+                "" if each["blur_px"] is None else f"{each['blur_px']:.2f}",
+                "" if each["contrast"] is None else f"{each['contrast']:.0f}",
             )
         console.print(table)
     console.print(
@@ -130,3 +133,5 @@ def _print(checked: Checked, identity: str) -> None:
         markup=False,
         highlight=False,
     )
+    for warning in checked.figures.get("warnings", []):
+        console.print(f"warning: {warning}", markup=False, highlight=False)

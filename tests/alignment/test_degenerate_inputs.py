@@ -52,7 +52,9 @@ SOLVERS: dict[str, Callable[[Array, Array], object]] = {
     "faugeras": lambda points, pixels: calibrate_faugeras(points, pixels, SIZE),
     "two systems": lambda points, pixels: calibrate_two_system(points, pixels, SIZE),
     "planar": lambda points, pixels: calibrate_planar([(points[:, :2], pixels)] * 3, SIZE),
-    "plane": lambda points, pixels: fit_plane(points, np.arange(len(points)), np.array([0.0, 0.0, 1.0])),
+    "plane": lambda points, pixels: fit_plane(
+        points, np.arange(float(len(points))), np.array([0.0, 0.0, 1.0])
+    ),
 }
 
 

@@ -93,6 +93,32 @@ def test_shifted_images_are_told_by_how_far_along_each_axis() -> None:
     assert found.rms_px == pytest.approx(of_all)
 
 
+@pytest.mark.parametrize("factor", [0.9, 0.98, 1.005, 1.02])
+@pytest.mark.parametrize("views", [1, 3])
+def test_a_wrong_pitch_is_blamed_on_the_plate_and_not_on_the_rig(factor: float, views: int) -> None:
+    """All cameras seemed to stand farther away, which changes no angle: the check was within tolerance."""
+    calibration, plate = rig(), square_plate()
+    data = observe(cameras_of_rig(calibration), plate, STAGES[:views], RNG(8)).data
+    found = check_with_plate(replace(data, plate=replace(plate, points=factor * plate.points)), calibration)
+    assert found.scale == pytest.approx(factor, abs=5e-4)
+    assert found.scale_reason is not None
+    assert "plate and calibration disagree in every camera by one common scale" in found.scale_reason
+    assert f"a pitch of 15 mm would fit where {15.0 * factor:.4g} mm is stated" in found.scale_reason
+    assert "check the plate's pitch_mm and certificate first" in found.scale_reason
+
+
+def test_a_right_pitch_is_not_blamed_for_a_knock() -> None:
+    calibration, plate = rig(), square_plate()
+    for knock in (
+        calibration,
+        with_moved_camera(calibration, np.array([1e-3, 0.0, 0.0]), np.array([0.0, 0.0, 8.0])),
+        moved(calibration, RigidTransform(np.eye(3), np.array([0.0, 0.0, 8.0])), 1),
+        moved(calibration, RigidTransform(np.eye(3), np.array([3.0, -2.0, 8.0]))),
+    ):
+        data = observe(cameras_of_rig(knock), plate, STAGES[:2], RNG(8)).data
+        assert check_with_plate(data, calibration).scale is None
+
+
 @pytest.mark.parametrize("marks", [5, 6])
 def test_a_camera_that_saw_hardly_any_marks_is_named(marks: int) -> None:
     """Six coordinates of its pose from fewer than six marks would fit anything."""

@@ -82,6 +82,46 @@ def test_a_good_session_is_accepted_with_its_figures() -> None:
     assert all(f.views == 7 and f.image_share > 0.6 and abs(f.structure) < 0.15 for f in answer.cameras)
 
 
+def looking(blur_px: float | None, contrast: float | None) -> CalibrationInput:
+    """A session whose fourth view one camera sees with this blur and contrast."""
+
+    def change(view: PlateView) -> PlateView:
+        key: CameraKey = ("head_2", "right")
+        look = replace(view.observations[key], blur_px=blur_px, contrast=contrast)
+        return replace(view, observations={**view.observations, key: look})
+
+    return changed(seen(), 3, change)
+
+
+@pytest.mark.parametrize(
+    ("blur_px", "contrast", "problem", "warning"),
+    [
+        (None, None, None, None),
+        (2.4, 41.0, None, None),
+        (2.6, 41.0, None, "blurred over 2.6 px in view view_4"),
+        (2.4, 39.0, None, "stand out by only 39 times the noise in view view_4"),
+        (5.1, 41.0, CalibrationProblem.BLURRED, "blurred over 5.1 px in view view_4"),
+        (2.4, 9.0, CalibrationProblem.DARK, "stand out by only 9 times the noise in view view_4"),
+    ],
+)
+def test_a_blurred_or_dark_camera_is_named_and_refused_where_it_is_too_much(
+    blur_px: float | None, contrast: float | None, problem: CalibrationProblem | None, warning: str | None
+) -> None:
+    """They were accepted without a word."""
+    answer = judged(looking(blur_px, contrast))
+    assert answer.problem is problem
+    figures = next(f for f in answer.cameras if f.camera == ("head_2", "right"))
+    assert (figures.blur_px, figures.contrast) == (blur_px, contrast)
+    if warning is None:
+        assert answer.warnings == ()
+    else:
+        assert len(answer.warnings) == 1
+        assert answer.warnings[0].startswith("head_2 right: ")
+        assert warning in answer.warnings[0]
+    if problem is not None:
+        assert answer.reason.startswith("head_2 right: ")
+
+
 def test_a_view_without_marks_is_named() -> None:
     blind = changed(seen(), 2, lambda view: replace(view, observations={}))
     answer = judged(blind)

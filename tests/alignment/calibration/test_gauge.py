@@ -212,6 +212,16 @@ def test_a_rig_is_placed_anew_from_its_placed_calibration() -> None:
     np.testing.assert_allclose(again.calibration.covariance, first.calibration.covariance, rtol=1e-9)
 
 
+@pytest.mark.parametrize("factor", [0.98, 1.02])
+def test_a_gauge_plate_of_another_pitch_is_named_and_not_a_camera(factor: float) -> None:
+    data = seen_plate(np.random.default_rng(5), None, CERTIFICATE.vehicle_from_plate)
+    wrong = replace(data, plate=replace(data.plate, points=factor * data.plate.points))
+    reason = judge_placing(place_rig(wrong, known_rig(), CERTIFICATE))
+    assert reason is not None
+    assert f"a pitch of 15 mm would fit where {15.0 * factor:.4g} mm is stated" in reason
+    assert judge_placing(place_rig(data, known_rig(), CERTIFICATE)) is None
+
+
 def test_a_camera_that_was_knocked_is_named() -> None:
     known = known_rig()
     head = known.heads[1]

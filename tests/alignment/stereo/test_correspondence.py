@@ -91,3 +91,21 @@ def test_swapped_images_give_nothing() -> None:
     lines = surface(np.array([0.0]))
     left, right = light_lines(HEAD.left, lines, 30.0), light_lines(HEAD.right, lines, 30.0)
     assert len(match_lines(right, left, HEAD, DEPTHS).points) == 0
+
+
+def test_an_ambiguous_pattern_is_thinned_by_whole_points_all_over_the_image() -> None:
+    """Candidates beyond the table's end were dropped in line order: the last lines had no partner at all."""
+    lines = surface(np.linspace(-20.0, 20.0, 41))
+    left, right = light_lines(HEAD.left, lines, 30.0), light_lines(HEAD.right, lines, 30.0)
+    found = match_lines(left, right, HEAD, DEPTHS)
+    assert len(found.points) <= 4 * len(left.points) + 1024
+    assert found.every > 1
+    assert (found.left_point % found.every == 0).all()
+    assert set(found.left_line) == set(range(41))
+    assert found.offered == np.ceil(len(left.points) / found.every)
+    # Of a point that stays, every candidate stays: the true one too, and the wheel can be told.
+    near = np.linalg.norm(found.points - lines.reshape(-1, 3)[found.left_point], axis=1) < 5e-3
+    assert len(np.unique(found.left_point[near])) >= 0.95 * found.offered
+    per_line = np.bincount(found.left_line[near], minlength=41)
+    assert per_line.min() >= 0.8 * per_line.max()
+    assert (np.diff(found.left_point) >= 0).all()

@@ -212,6 +212,16 @@ def test_a_lens_is_judged_by_what_is_left_once_its_camera_is_put_right() -> None
     assert "head_1 right (2.000 px RMS)" in reason
 
 
+def test_a_plate_of_another_pitch_puts_the_check_out_and_names_the_pitch() -> None:
+    true, plate = true_rig(), square_plate()
+    data = observe(cameras_of_rig(true), plate, STAGES[:3], np.random.default_rng(6)).data
+    wrong = replace(data, plate=replace(plate, points=1.02 * plate.points))
+    outcome, reason = judge_plate(check_with_plate(wrong, true), CheckLimits())
+    assert outcome is CheckOutcome.OUT
+    assert "+2.00 %: a pitch of 15 mm would fit where 15.3 mm is stated" in reason
+    assert judge_plate(check_with_plate(data, true), CheckLimits())[0] is CheckOutcome.WITHIN
+
+
 @pytest.mark.parametrize("cause", ["lens", "turn"])
 def test_a_changed_lens_and_a_turned_camera_are_told_apart(cause: str) -> None:
     true = true_rig()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from alignment.values import (
 )
 from sensors.simulation.scene import draw_pose, draw_scene
 from station.figures import Row
-from station.studies import degraded, efficiency, repeatability, wheel_grid
+from station.studies import coverage, degraded, efficiency, repeatability, wheel_grid
 from station.studies.coverage import drawn
 from station.studies.degraded import degraded_shot, summarise, table_row
 from station.studies.wheels import StudyRig, calibrate_from_plate, study_rig
@@ -89,6 +90,54 @@ def test_cameras_are_drawn_with_the_covariance_that_is_stated(calibration: RigCa
         moves.append(one.heads[1].right.model.fx - calibration.heads[1].right.model.fx)
     sigma = float(np.sqrt(np.diag(covariance)[calibration.parameter_names.index("head_2.right.fx")]))
     assert np.std(moves) == pytest.approx(sigma, rel=0.3)
+
+
+@pytest.mark.slow
+def test_the_intervals_of_every_selectable_method_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def as_built(rig: StudyRig, _seed: int) -> RigCalibration:
+        return replace(rig.true, covariance=1e-14 * np.eye(len(rig.true.parameter_names)))
+
+    monkeypatch.setattr(coverage, "calibrate_from_plate", as_built)
+    monkeypatch.setattr(coverage, "QUICK_SHOTS", 3)
+    result = coverage.run(5, True, silent)
+    assert coverage.METHODS == ("revolution", "plane", "ridges")
+    assert [row["method"] for row in result.rows] == 3 * list(coverage.METHODS)
+    for method in coverage.METHODS:
+        measured = 3 - result.figures[f"{method}_refused"]
+        assert measured >= 1
+        # Six intervals at most: a method that covers half of them and less states too little.
+        assert result.figures[f"{method}_covered"] > 0.6
+        assert result.figures[f"{method}_camber_error_over_stated_rms"] < 2.5
+        assert result.figures[f"{method}_toe_error_over_stated_rms"] < 2.5
+    # What limits the methods kept for comparison is stated as what it is.
+    assert (
+        result.figures["plane_stated_median_arcmin"] > 50 * result.figures["revolution_stated_median_arcmin"]
+    )
+    assert (
+        result.figures["ridges_stated_median_arcmin"] > 20 * result.figures["revolution_stated_median_arcmin"]
+    )
+
+
+def covered(method: str, ratio: float | None) -> Row:
+    error = None if ratio is None else 2.0 * ratio
+    return {
+        "shot": 1, "method": method, "camber_error_arcmin": error, "toe_error_arcmin": error,
+        "camber_u_arcmin": None if ratio is None else 2.0, "toe_u_arcmin": None if ratio is None else 2.0,
+    }  # fmt: skip
+
+
+def test_one_method_that_states_too_little_or_too_much_misses_the_goal_by_its_name() -> None:
+    def rows(of_plane: Sequence[float | None]) -> list[Row]:
+        good = [covered(method, r) for method in ("revolution", "ridges") for r in [0.5] * 95 + [2.5] * 5]
+        return good + [covered("plane", r) for r in of_plane]
+
+    true = coverage.summarise(rows([0.5] * 95 + [2.5] * 5 + [None]), quick=False)
+    assert not true.missed
+    assert true.figures["plane_covered"] == pytest.approx(0.95)
+    assert (true.figures["plane_refused"], true.figures["ridges_refused"]) == (1, 0)
+    for narrow, goal in ((90, "at_least"), (99, "at_most")):
+        missed = coverage.summarise(rows([0.5] * narrow + [2.5] * (100 - narrow)), quick=False).missed
+        assert [(each.figure, each.sense) for each in missed] == [("plane_covered", goal)]
 
 
 def test_each_disturbance_changes_what_it_says(rig: StudyRig) -> None:
