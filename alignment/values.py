@@ -141,8 +141,9 @@ class MeasureSettings:
         narrower than the depth that one line spacing stands for, left and right lines match uniquely.
     method
         ``revolution``: surface of revolution with a free profile; ``plane``: robust plane, the simple
-        alternative, which is biased where a head sees an uneven part of the sidewall; ``ridges``: plane
-        through nine bends of the light lines on one circle, for comparison only.
+        alternative, which follows the relief of the sidewall and states some arcminutes for it; ``ridges``:
+        plane through nine bends of the light lines on one circle, for comparison only, good to some
+        arcminutes too.
     minimum_points
         Fewer accepted points per head than this refuse the measurement.
     maximum_angle

@@ -14,7 +14,7 @@ from pydantic import Field, create_model, field_validator, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
-from alignment.values import MeasureSettings
+from alignment.values import MeasureSettings, PlaneMethod
 from alignment.vehicle import Stand
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
@@ -174,7 +174,7 @@ class MeasureOptions(StrictModel):
     depth_range_mm: tuple[_Millimetres, _Millimetres] = Field(
         default=(-60.0, 60.0), description="Lowest and highest z of the tyre's surface in the rig frame"
     )
-    method: Literal["revolution", "plane", "ridges"] = Field(
+    method: PlaneMethod = Field(
         default="revolution",
         description="Surface of revolution with a free profile; robust plane, or plane through nine bends of "
         "the light lines, for comparison",

@@ -136,7 +136,8 @@ def summarise(rows: Sequence[Row], quick: bool) -> StudyResult:
     text = f"""
 {shots} random shots (three tyre shapes, any pose within ±3° and ±8 mm, ambient light and exposure drawn);
 for each the cameras were drawn anew from the covariance of a calibration from a rendered plate, and the same
-images were measured by every method. The 95 % intervals of camber and toe hold the truth in {told}.
+images were measured by every method. The 95 % intervals of camber and toe hold the truth in
+{told}.
 
 The two methods that are kept for comparison state what limits them, which is not noise: a plane follows the
 relief of the sidewall, which stands out at the same radius before every head, and a bend of a light line is
