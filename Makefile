@@ -6,6 +6,9 @@ INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 PYTEST := $(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
+# Where it is set, every process of every run would read all sources anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help setup demo test test-fast lint coverage studies mutants bench clean
 
 help:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import sys
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
 from alignment.errors import (
     ConfigurationError,
@@ -130,11 +132,17 @@ def exit_status(error: TruewheelError) -> int:
     )
 
 
+@cache
+def commands() -> Any:
+    """All verbs with their options; building them takes longer than most commands, so once in a process."""
+    return get_command(app)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; ends the program with the exit status."""
     running = Running()
     try:
-        app(args=arguments, obj=running)
+        commands()(args=arguments, obj=running)
     except TruewheelError as error:
         typer.echo(f"truewheel: {error.told(running.words())}", err=True)
         sys.exit(exit_status(error))

@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.main import get_command
 
 from db.connection import migrate
 from db.records import EventRecord, Severity
 from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
-from station.cli import app, main
+from station.cli import commands, main
 from station.configuration.settings import StationConfig, read_configuration, read_station
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import folder_of_month
@@ -337,7 +336,7 @@ def test_every_command_that_a_document_shows_is_understood(document: str, line: 
 def test_every_command_that_a_sentence_names_exists_with_its_options(document: str, line: str) -> None:
     # What stands in brackets is optional; required arguments may be left out.
     words = shlex.split(re.sub(r"[\[\]]", " ", line))
-    command: Any = get_command(app)
+    command: Any = commands()
     options: set[str] = set()
     for word in words:
         if hasattr(command, "commands"):
@@ -350,7 +349,7 @@ def test_every_command_that_a_sentence_names_exists_with_its_options(document: s
 
 def understood(arguments: list[str]) -> None:
     """Parse a command line with all checks of options, and do not run it."""
-    command: Any = get_command(app)
+    command: Any = commands()
     context = None
     while hasattr(command, "resolve_command"):
         context = command.make_context(command.name, arguments, parent=context)

@@ -7,9 +7,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from typer.main import get_command
-
-from station.cli import app
+from station.cli import commands
 
 ROOT = Path(__file__).resolve().parents[1]
 EXCEPTIONS = {
@@ -74,7 +72,7 @@ def test_every_choice_that_an_error_names_is_an_option_or_argument_of_a_command(
         for inner in getattr(command, "commands", {}).values():
             yield from parameters(inner)
 
-    known = set(parameters(get_command(app)))
+    known = set(parameters(commands()))
     named = list(choices())
     assert len(named) > 30
     assert [(choice, where) for choice, where in named if choice.replace(" ", "_") not in known] == []

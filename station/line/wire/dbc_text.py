@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 from cantools.database.can import Database
@@ -59,6 +60,15 @@ def read_dbc(file: Path) -> Database:
     text = _text(file)
     for line, field, expected, seen in _faults(text):
         raise ConfigurationError(file=file, field=f"line {line}, {field}", expected=expected, seen=seen)
+    try:
+        return _parsed(text)
+    except DAMAGED as error:
+        raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error) or repr(error)) from error
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Database:
+    """What the library makes of a text; nobody changes it, so opening a line again takes no time."""
     database = Database()
     # Two of the same name or identifier are told of in a log line; they are refused instead.
     library_log = logging.getLogger("cantools.database.can.database")
@@ -66,8 +76,6 @@ def read_dbc(file: Path) -> Database:
     library_log.setLevel(logging.CRITICAL)
     try:
         database.add_dbc_string(text)
-    except DAMAGED as error:
-        raise ConfigurationError(file=file, expected="a valid DBC", seen=str(error) or repr(error)) from error
     finally:
         library_log.setLevel(level)
     return database

@@ -6,12 +6,12 @@ import random
 import shutil
 import sqlite3
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from datetime import timedelta
+from io import StringIO
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from alignment.errors import StoreDamagedError, StoreError, TruewheelError
 from db.connection import make_engine, parse_url
@@ -20,7 +20,7 @@ from db.schema import metadata
 from db.store import ResultStore
 from db.sums import update_sums
 from db.upkeep.check import check_database
-from station.cli import app, exit_status
+from station.cli import commands, exit_status
 from station.cycle.held import unacknowledged
 from tests.db.example_plant import plant
 from tests.db.example_records import (
@@ -146,8 +146,13 @@ def ask_everything(path: Path, out: Path) -> Iterator[tuple[str, BaseException |
     ):
         for file in out.glob("*"):
             file.unlink()
-        done = CliRunner().invoke(app, [*arguments, "--database", url, "--json"])
-        yield " ".join(arguments[:3]), done.exception
+        error: BaseException | None = None
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            try:
+                commands()([*arguments, "--database", url, "--json"])
+            except (Exception, SystemExit) as raised:  # noqa: BLE001
+                error = raised
+        yield " ".join(arguments[:3]), error
     try:
         with ResultStore(url) as store:
             start(store)

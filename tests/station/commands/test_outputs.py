@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 from db.connection import migrate
-from station.cli import app, main
+from station.cli import commands, main
 
 GONE = "not-there"
 """No input of this name is anywhere: a verb that read it first would speak of it."""
@@ -73,7 +72,7 @@ def verbs() -> Iterator[tuple[str, Any]]:
         if not hasattr(command, "commands"):
             yield name, command
 
-    return walk(typer.main.get_command(app), "")
+    return walk(commands(), "")
 
 
 def run(*arguments: str) -> int:

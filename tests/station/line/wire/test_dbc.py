@@ -226,6 +226,27 @@ def test_any_damage_is_one_error_or_a_line_that_works(
         line.close()
 
 
+def test_a_dbc_that_was_edited_is_read_anew_and_the_one_read_before_stays_as_it_was(tmp_path: Path) -> None:
+    """What was read is kept, by its text alone: a second of the same file, size and time is another."""
+    file = tmp_path / "line.dbc"
+    file.write_text(TEXT, encoding="cp1252")
+    before = read_dbc(file)
+    first = before.get_message_by_name("Status").frame_id
+    assert TEXT.count(f"BO_ {first} Status") == 1
+    time = file.stat().st_mtime_ns
+    file.write_text(re.sub(rf"\b{first}\b", f"{first + 1}", TEXT), encoding="cp1252")
+    os.utime(file, ns=(time, time))
+    assert read_dbc(file).get_message_by_name("Status").frame_id == first + 1
+    assert before.get_message_by_name("Status").frame_id == first
+    copy = tmp_path / "copy.dbc"
+    copy.write_text(TEXT, encoding="cp1252")
+    assert read_dbc(copy) is before
+    copy.write_text("no DBC", encoding="cp1252")
+    for _ in range(2):
+        with pytest.raises(ConfigurationError, match="a valid DBC"):
+            read_dbc(copy)
+
+
 def test_syntax_error_names_its_line(tmp_path: Path) -> None:
     number = next(k for k, line in enumerate(TEXT.splitlines(), 1) if line.startswith(" SG_ Toe "))
     file = changed(tmp_path, r"^ SG_ Toe : 44\|", " SG_ Toe : forty|")
