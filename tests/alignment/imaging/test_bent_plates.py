@@ -28,10 +28,12 @@ def bent(points: Array, k1: float) -> Array:
 
 
 def straightened(points: Array, k1: float) -> Array:
-    found = points.copy()
+    """Back again; only the radius changes."""
+    seen = np.hypot(*points.T)
+    found = seen.copy()
     for _ in range(200):
-        found = points / (1.0 + k1 * np.square(found).sum(axis=1, keepdims=True))
-    return np.asarray(found)
+        found = seen / (1.0 + k1 * np.square(found))
+    return np.asarray(points * (found / seen)[:, None])
 
 
 @cache
@@ -49,9 +51,10 @@ def seen_through(k1: float, tilt: float) -> tuple[np.ndarray, Array, Array]:
     x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     principal = np.array([IDEAL[0] / 2 + 3.7, IDEAL[1] / 2 - 2.2])
     rays = (np.column_stack([x.ravel(), y.ravel()]) - MIDDLE) / FOCAL
-    source = straightened(rays, k1) * FOCAL + principal
+    ideal = straightened(rays, k1)
+    source = ideal * FOCAL + principal
     # Beyond the fold of the lens there is nothing to see.
-    folded = np.abs(bent(straightened(rays, k1), k1) - rays).max(axis=1) > 1e-6
+    folded = np.abs(bent(ideal, k1) - rays).max(axis=1) > 1e-6
     source[folded] = -10.0
     maps = source.astype(np.float32).reshape(HEIGHT, WIDTH, 2)
     image = cv2.remap(large, maps, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=(200,))
