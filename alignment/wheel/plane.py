@@ -79,7 +79,7 @@ def fit_plane(points: Array, radius: Array, normal: Array, *, iterations: int = 
     inverse = np.linalg.inv((weights[:, None] * along).T @ along)
     ring = ((radius - radius.min()) / _RING).astype(np.int64)
     gradients = np.column_stack([np.bincount(ring, weights * residuals * along[:, k]) for k in range(2)])
-    square = gradients.T @ gradients
+    square: Array = np.asarray(gradients.T @ gradients, np.float64)
     for lag in range(1, min(_ALIKE, len(gradients))):
         shared = gradients[lag:].T @ gradients[:-lag]
         square = square + (1.0 - lag / _ALIKE) * (shared + shared.T)
