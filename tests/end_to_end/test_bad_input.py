@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import station.line.plc
 from sensors.formats import read_image, write_image
+from station.line.plc.orders import PlcTimeouts
+from station.line.plc.simulator import run_plc
 from station.line.tools.cable import Cable
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
 
@@ -219,7 +223,9 @@ def test_demonstration_needs_simulated_rigs(truewheel: Truewheel, replay: Path, 
 
 
 @pytest.mark.slow
-def test_damaged_log_and_silent_line_are_named(truewheel: Truewheel, configs: Path, tmp_path: Path) -> None:
+def test_damaged_log_and_silent_line_are_named(
+    truewheel: Truewheel, configs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = configs / "station.toml"
     log = tmp_path / "can.log"
     log.write_text("not a log\n")
@@ -227,9 +233,13 @@ def test_damaged_log_and_silent_line_are_named(truewheel: Truewheel, configs: Pa
     assert ended.status == 2
     assert str(log) in ended.err
     assert truewheel("line", "monitor", tmp_path / "none.log", "--config", config).status == 2
+    # As the command does, but not for ten seconds.
+    monkeypatch.setattr(station.line.plc, "run_plc", partial(run_plc, timeouts=PlcTimeouts(connect_s=0.3)))
     with Cable() as cable:
         silent = ("--interface", "slcan", "--channel", cable.ends[0], "--config", config)
-        assert truewheel("line", "plc", "--vin", "TWDEMX00000000001", *silent).status == 3
+        ended = truewheel("line", "plc", "--vin", "TWDEMX00000000001", *silent)
+    assert ended.status == 3
+    assert "within 0.3 s" in ended.err
 
 
 def test_truth_is_never_read_by_the_measurement(truewheel: Truewheel, wheel: Path) -> None:

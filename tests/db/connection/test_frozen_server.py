@@ -8,6 +8,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -77,15 +78,25 @@ def test_a_frozen_server_is_given_up_and_used_again(server: PostgresServer, url:
     with ResultStore(url, timeout_s=TIMEOUT_S) as store, ResultReader(url, timeout_s=TIMEOUT_S) as reader:
         store.record_calibration(CALIBRATION)
         record = cycle()
-        with frozen(server):
+
+        def write() -> None:
             # With a connection of the pool, and with a new one.
             for _ in range(2):
                 with within(LONGEST_S), pytest.raises(StoreUnavailableError, match="cannot be reached"):
                     store.write_cycle(record)
+
+        def ask() -> None:
             with within(LONGEST_S), pytest.raises(StoreUnavailableError):
                 yield_counts(reader)
+
+        def start() -> None:
             with within(LONGEST_S), pytest.raises(StoreUnavailableError):
                 ResultStore(url, timeout_s=TIMEOUT_S).open()
+
+        # Each waits for itself, so all may wait at once.
+        with frozen(server), ThreadPoolExecutor(3) as pool:
+            for ended in [pool.submit(write), pool.submit(ask), pool.submit(start)]:
+                ended.result(2 * LONGEST_S)
         store.write_cycle(record)
         assert store.counts()["cycles"] == 1
 
