@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -23,6 +24,7 @@ from station.warm_up.notation import read_all, spell_all
 from station.warm_up.prepare import StoppedError, WarmUpProgress, warm_up
 from station.warm_up.table import SIGNATURES
 from station.warm_up.workers import Compiled
+from tests.once import folder_once
 
 ROOT = Path(__file__).parents[3]
 NAME = "alignment.stereo.pool.take_numbers"
@@ -47,6 +49,18 @@ def small(cache: Path, code: str = SMALL) -> Any:
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+@folder_once
+def new_computer(folder: Path) -> None:
+    """What a new computer compiled, in `cache`, and what it told of it."""
+    (folder / "told.json").write_text(json.dumps(small(folder / "cache")), encoding="utf-8")
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    """A copy of what it compiled."""
+    return Path(shutil.copytree(new_computer() / "cache", tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -77,26 +91,28 @@ def test_the_largest_functions_are_compiled_first() -> None:
     assert order[0] == "extract_all"
 
 
-def test_a_new_computer_compiles_once_and_a_second_start_finds_everything(tmp_path: Path) -> None:
-    names, unsaved, shares = small(tmp_path)
+def test_a_new_computer_compiles_once_and_a_second_start_finds_everything(cache: Path) -> None:
+    names, unsaved, shares = json.loads((new_computer() / "told.json").read_text(encoding="utf-8"))
     assert [name.rsplit(".", 1)[1] for name in names] == ["take_numbers", "nearest_candidates"]
     assert unsaved is None
     assert shares[0] == 0.0
     assert shares[-1] == pytest.approx(1.0)
     assert shares == sorted(shares)
-    assert small(tmp_path) == [[], None, []]
+    assert small(cache) == [[], None, []]
 
 
 @pytest.mark.slow
-def test_a_damaged_cache_is_compiled_again(tmp_path: Path) -> None:
-    small(tmp_path)
-    for file in tmp_path.rglob("*.nbc"):
+def test_a_damaged_cache_is_compiled_again(cache: Path) -> None:
+    codes, indices = list(cache.rglob("*.nbc")), list(cache.rglob("*nearest*.nbi"))
+    assert codes
+    assert indices
+    for file in codes:
         file.write_bytes(b"\x80\x04damaged")
-    for file in tmp_path.rglob("*nearest*.nbi"):
+    for file in indices:
         file.write_bytes(b"damaged")
-    names, unsaved, _ = small(tmp_path)
+    names, unsaved, _ = small(cache)
     assert (len(names), unsaved) == (2, None)
-    assert small(tmp_path)[0] == []
+    assert small(cache)[0] == []
 
 
 def test_a_full_disk_compiles_here_and_says_that_nothing_is_kept(tmp_path: Path) -> None:
