@@ -110,6 +110,10 @@ class Worker:
         with contextlib.suppress(queue.Empty):
             while True:
                 self._waiting.get_nowait()[0].cancel()
+        self._thread.stopping.set()
+        with contextlib.suppress(queue.Full):
+            # Something to take, so that a thread that waits for work sees at once that it shall end.
+            self._waiting.put_nowait((Future(), lambda: None))
         try:
             self._thread.stop(max(2 * _LOOK_S, deadline - time.monotonic()))
         except LineError:

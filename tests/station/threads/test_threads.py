@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -80,6 +81,17 @@ def test_worker_finishes_what_was_submitted_before_it_ends() -> None:
         worker.submit(done.append, k)
     assert worker.close(GATE_S)
     assert done == list(range(20))
+
+
+def test_worker_that_waits_for_work_ends_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looked only every 50 ms whether it should end, and a station waited for each of its own in turn."""
+    monkeypatch.setattr("station.threads.worker._LOOK_S", 2 * GATE_S)
+    worker = Worker("waiting")
+    assert worker.submit(lambda: 5).result(GATE_S) == 5
+    started = time.monotonic()
+    assert worker.close(GATE_S)
+    assert time.monotonic() - started < GATE_S
+    assert not worker.alive
 
 
 @pytest.mark.parametrize("error", UNFORESEEN)
