@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,8 +10,8 @@ import pytest
 from benchmarks.postgres_server import PostgresServer
 from db.connection import migrate
 from db.store import ResultStore
+from tests.db.databases import new_database
 from tests.db.example_records import CALIBRATION
-from tests.once import folder_once
 
 
 @pytest.fixture(scope="session")
@@ -41,17 +40,10 @@ def sqlite_url(tmp_path: Path) -> str:
     return f"sqlite:///{tmp_path / 'results.db'}"
 
 
-@folder_once
-def migrated(folder: Path) -> None:
-    """With the database `results.db`: all tables, and no row."""
-    migrate(f"sqlite:///{folder / 'results.db'}")
-
-
 @pytest.fixture
 def migrated_sqlite_url(tmp_path: Path) -> str:
-    """URL of a file with all tables; a copy is made ten times faster than its tables."""
-    shutil.copyfile(migrated() / "results.db", tmp_path / "results.db")
-    return f"sqlite:///{tmp_path / 'results.db'}"
+    """URL of a file with all tables."""
+    return new_database(tmp_path / "results.db")
 
 
 @pytest.fixture(params=["migrated_sqlite_url", "postgres_url"], ids=["sqlite", "postgresql"])

@@ -13,6 +13,7 @@ import pytest
 from db.connection import migrate
 from sensors.formats import write_calibration, write_image, write_shot
 from station.cli import main
+from tests.db.databases import new_database
 from tests.end_to_end.conftest import CONFIGS
 from tests.end_to_end.test_unfit_files import PLATES, VERBS
 from tests.sensors.samples import TIME, calibration, shot
@@ -117,7 +118,7 @@ def test_another_kind_of_file_is_one_clear_error(
     write_shot(good, shot())
     write_calibration(good / "calibration.json", calibration(), method="test", created_utc=TIME)
     if "{database}" in words:
-        migrate(f"sqlite:///{tmp_path / 'new.db'}")
+        new_database(tmp_path / "new.db")
     for number, kind in enumerate(kinds):
         if kind in own_kinds(name):
             continue

@@ -20,11 +20,11 @@ import pytest
 import sensors.formats.files
 from alignment.errors import ConfigurationError, FormatError
 from alignment.file_limits import DOCUMENT, size_in_words, unfit_kind, unfit_size
-from db.connection import migrate
 from sensors.formats import read_image, write_calibration, write_shot
 from sensors.formats.files import entries, open_ordinary, read_bytes
 from station.configuration.vehicle_types import read_vehicle_types
 from station.line.tools.logs.reading import read_log
+from tests.db.databases import new_database
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 from tests.sensors.samples import TIME, calibration, shot
 
@@ -133,7 +133,7 @@ def test_what_is_no_ordinary_file_of_a_believable_size_is_refused_before_it_is_r
     (tmp_path / "nested").mkdir()
     (tmp_path / "nested" / "rig").symlink_to(tmp_path / "bad_session")
     if "{database}" in words:
-        migrate(f"sqlite:///{tmp_path / 'new.db'}")
+        new_database(tmp_path / "new.db")
     configs = tmp_path / "configs"
     if "{bad_dbc}" in words:
         shutil.copytree(CONFIGS, configs)

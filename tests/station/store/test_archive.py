@@ -26,6 +26,7 @@ from station.cycle.positions import WheelResult
 from station.cycle.verdict import Angle
 from station.cycle.words import Trigger
 from station.store.archive import ArchivingObserver, ImageArchive
+from tests.db.databases import new_database
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
 
 WIDE = Policy(10**9, 30.0, 300.0)
@@ -33,12 +34,12 @@ WIDE = Policy(10**9, 30.0, 300.0)
 
 @pytest.fixture
 def url(tmp_path: Path) -> str:
-    return f"sqlite:///{tmp_path / 'results.db'}"
+    return new_database(tmp_path / "results.db")
 
 
 @pytest.fixture
 def store(url: str) -> Iterator[ResultStore]:
-    with ResultStore(url, create=True) as opened:
+    with ResultStore(url) as opened:
         opened.record_calibration(CALIBRATION)
         yield opened
 

@@ -13,7 +13,6 @@ import pytest
 
 from alignment.errors import ConfigurationError, InputError
 from alignment.statistics.choices import GrrMethod
-from db.connection import migrate
 from db.queries import Characteristic
 from db.records import StudyKind, VehicleRecord
 from db.store import ResultStore
@@ -22,6 +21,7 @@ from station.quality.gauge.analysis import analyse_grr
 from station.quality.gauge.plan import plan_from_text
 from station.quality.gauge.source import open_source, source_of
 from station.quality.gauge.store import all_studies, fill_study, load_gauge_study, plan_study
+from tests.db.databases import new_database
 from tests.db.example_records import CALIBRATION, cycle, refused_wheel, wheel
 
 VINS = ("GAUGEVEHICLE00001", "GAUGEVEHICLE00002", "GAUGEVEHICLE00003")
@@ -30,8 +30,7 @@ TOE = Characteristic.parse("front_left.toe")
 
 @pytest.fixture
 def database(tmp_path: Path) -> str:
-    url = f"sqlite:///{tmp_path / 'results.db'}"
-    migrate(url)
+    url = new_database(tmp_path / "results.db")
     with ResultStore(url) as store:
         store.record_calibration(CALIBRATION)
     return url
