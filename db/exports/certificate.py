@@ -144,7 +144,7 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
     record = stored.record
     document.heading("Wheels")
     document.rows(
-        ("wheel", "verdict", "method", "calibration", "points", "residual mm", "reason"),
+        ("wheel", "verdict", "method", "calibration", "points", "residual [mm]", "reason"),
         [
             (
                 wheel.wheel.replace("_", " "),

@@ -30,7 +30,7 @@ _MM_PER_PT = 25.4 / 72
 _LONGEST_WORD = 0.4  # of the page's width; a longer one is broken where names have their joints
 _LONGEST_CELL = 900  # characters of one row: a row is never broken over a page, so it must fit on one
 _BESIDE = 5  # figures beside each other
-_NUMBER = re.compile(r"[+\u2212-]?<?\d+(\.\d+)?( ?(°|′|%|mm|ppm))?( ± [\d.]+)?")
+_NUMBER = re.compile(r"[+\u2212-]?<?\d+(\.\d+)?(e[+-]?\d+)?( ?(°|′|%|mm|ppm))?( ± [\d.]+)?")
 _JOINT = re.compile(r"(?<=[-_./:@])(?=\w)")
 
 
@@ -114,13 +114,15 @@ class Document(FPDF):
         """A table; its head is repeated on every page, no row is broken over a page, no word over a line.
 
         Columns are as wide as their texts ask for. A table that is too wide even in small letters continues
-        below, its first column repeated. Columns of numbers stand to the right.
+        below, its first column repeated. Columns of numbers stand to the right; columns in which nothing
+        stands are left out.
         """
         if not rows:
             return
         # Before the table begins: another font may have to be added for them.
-        shown = [[self._shown(cell) for cell in cells] for cells in rows]
-        heads = [self._shown(cell) for cell in head]
+        kept = [column for column in range(len(rows[0])) if any(row[column] for row in rows)]
+        shown = [[self._shown(row[column]) for column in kept] for row in rows]
+        heads = [self._shown(head[column]) for column in kept] if head else []
         size, blocks, widths = self._fitted(heads, shown)
         for columns, wide in zip(blocks, widths, strict=True):
             block = [[cells[column] for column in columns] for cells in shown]
@@ -218,11 +220,22 @@ class Document(FPDF):
         return float(self.get_string_width(text)) + 2 * self.c_margin + 0.3
 
     def _jointed(self, text: str, width: float, size: float) -> str:
-        """The text with places at which a word that is wider than its column may be broken."""
+        """The text with its words that are wider than their column broken at the joints of names.
+
+        A line ends there and nothing is added: who copies the name copies the name.
+        """
         return " ".join(
-            word if self._wide(word, size) <= width else _JOINT.sub("\u200b", word)
+            word if self._wide(word, size) <= width else self._broken(word, width, size)
             for word in text.split(" ")
         )
+
+    def _broken(self, word: str, width: float, size: float) -> str:
+        lines = [""]
+        for part in _JOINT.split(word):
+            if lines[-1] and self._wide(lines[-1] + part, size) > width:
+                lines.append("")
+            lines[-1] += part
+        return "\n".join(lines)
 
     def _one_line(self, text: str, width: float, size: float, style: str = "") -> None:
         """A text on one line, in smaller letters where it is long; its middle goes where it is too long."""

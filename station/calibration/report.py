@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from alignment.calibration import Adjustment, GateJudgement, NominalWheel
 from alignment.units import ARCMIN
 from alignment.values import Side, nominal_vehicle_from_rig
+from db.exports import MINUS, signed
 from sensors.formats import write_bytes
 from station.calibration.pictures import (
     image_coverage,
@@ -148,7 +149,7 @@ def _camera_table(adjustment: Adjustment, judgement: GateJudgement) -> Table:
             f"{100 * figures.depth_share:.1f} %",
             f"{figures.noise_scale:.2f}",
             f"{100 * figures.outliers:.1f} %",
-            f"{figures.structure:+.2f}",
+            signed(figures.structure, 2),
             "" if figures.blur_px is None else f"{figures.blur_px:.2f} px",
             "" if figures.contrast is None else f"{figures.contrast:.0f}",
             f"{adjustment.redundancy[figures.camera]:.0f}",
@@ -181,15 +182,17 @@ def _parameter_table(adjustment: Adjustment) -> Table:
     head = (
         "camera", "u(rx) [′]", "u(ry) [′]", "u(rz) [′]", "x [mm]", "y [mm]", "z [mm]", *names,
     )  # fmt: skip
-    return Table(head, rows)
+    # A parameter is a line: there are more of them than cameras, and a page is higher than wide.
+    turned = list(zip(head, *rows, strict=True))
+    return Table(turned[0], turned[1:])
 
 
 def _with_sigma(value: float, sigma: float) -> str:
     """The value with as many digits as its uncertainty has meaning."""
     if sigma <= 0.0:
-        return f"{value:g}"
+        return f"{value:g}".replace("-", MINUS)
     digits = min(max(0, 1 - math.floor(math.log10(sigma))), 9)
-    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}".replace("-", MINUS)
 
 
 def _stage_table(adjustment: Adjustment) -> Table:
@@ -199,7 +202,13 @@ def _stage_table(adjustment: Adjustment) -> Table:
             rows.append((view.name, "held by hand", "", "", "", "", ""))
         else:
             stage, correction = view.stage_mm, 1000.0 * moved
-            rows.append((view.name, *(f"{v:.3f}" for v in stage), *(f"{v:+.1f}" for v in correction)))
+            rows.append(
+                (
+                    view.name,
+                    *(f"{v:.3f}".replace("-", MINUS) for v in stage),
+                    *(signed(v, 1) for v in correction),
+                )
+            )
     head = ("view", "x [mm]", "y [mm]", "z [mm]", "Δx [µm]", "Δy [µm]", "Δz [µm]")
     return Table(head, rows)
 

@@ -131,6 +131,9 @@ def _show(result: DemoResult) -> None:
     console = Console()
     for vehicle in result.vehicles:
         console.print(_table(vehicle))
+        for wheel in vehicle.wheels:
+            if wheel.reason is not None:
+                console.print(f"{wheel.wheel} {wheel.outcome}: {wheel.reason}", markup=False, highlight=False)
         order = vehicle.order
         console.print(
             f"trigger 0, busy {order.busy_s:.3f}, committed {order.committed_s:.3f}, results "
@@ -167,7 +170,7 @@ def _table(vehicle: DemoVehicle) -> Table:
             _arcmin(wheel.camber_error_arcmin),
             _with_uncertainty(wheel.toe_deg, wheel.toe_u95_deg),
             _arcmin(wheel.toe_error_arcmin),
-            str(wheel.verdict) if wheel.reason is None else f"{wheel.outcome}: {wheel.reason}",
+            str(wheel.verdict if wheel.reason is None else wheel.outcome),
         )
     return table
 

@@ -63,7 +63,7 @@ def is_number_column(values: Iterable[object]) -> bool:
 def _number(words: Sequence[str], value: float) -> str:
     name, unit = "_".join(words), words[-1]
     if name in _CHANCES:
-        return "<0.0001" if 0.0 <= value < 1e-4 else f"{value:.4f}"
+        return "<0.0001" if 0.0 <= value < 1e-4 else _unsigned(f"{value:.4f}")
     if any(word in _INDICES for word in words):
         return _unsigned(f"{value:.2f}")
     if unit in _DECIMALS:

@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
+import textwrap
 from html import escape
 from typing import Any
 
 from station.quality.pictures import FEWEST_PLACES, Picture, Trace, colour, level_colour
 
-_HEIGHT_PX = 340
+_HEIGHT_PX, _PAPER_PX = 320, 210
 _INK, _LINE, _GRID = "#222222", "#9aa0a6", "#e6e8ea"
+_LABEL = 24  # letters of a line beside an axis
 _FEW = 8  # a count that ends below has a tick at each number
 _AXIS = {
     "linecolor": _LINE, "gridcolor": _GRID, "zeroline": False, "ticks": "outside", "tickcolor": _LINE,
     "automargin": True, "showline": True, "title": {"standoff": 8},
 }  # fmt: skip
 
-PROGRAM = """
-// On paper a picture is as wide as the page, not as the window was.
-addEventListener('beforeprint', () => document.querySelectorAll('.js-plotly-plot').forEach(
-  (p) => Plotly.relayout(p, {autosize: false, width: p.closest('.pictures') ? 340 : 690, height: 220})));
-addEventListener('afterprint', () => document.querySelectorAll('.js-plotly-plot').forEach(
-  (p) => Plotly.relayout(p, {autosize: true, width: null, height: null})));
+PROGRAM = (
+    f"const SCREEN = {_HEIGHT_PX}, PAPER = {_PAPER_PX};"
+    + """
+// On paper a picture is as wide as the page, not as the window was; turned texts have no room there.
+const all = (change) => document.querySelectorAll('.js-plotly-plot').forEach((p) => {
+  const wanted = change(p);
+  (p.layout.annotations || []).forEach((text, i) => {
+    if (text.textangle) wanted[`annotations[${i}].visible`] = wanted.autosize;
+  });
+  Plotly.relayout(p, wanted);
+});
+addEventListener('beforeprint', () => all((p) => (
+  {autosize: false, width: p.closest('.pictures') ? 340 : 690, height: PAPER})));
+addEventListener('afterprint', () => all(() => ({autosize: true, width: null, height: SCREEN})));
 """
+)
 """What a page with pictures runs beside plotly."""
 
 
 def as_html(picture: Picture) -> str:
-    """One ``<div>``; the page holds plotly's program once."""
+    """One ``<div>``; the page holds plotly's program once, and the title beside it."""
     import plotly.graph_objects as go
 
     figure = go.Figure()
@@ -73,9 +84,14 @@ def _add(figure: Any, trace: Trace, of_colour: str) -> None:
     )
 
 
+def _lines(label: str) -> str:
+    """A long name of an upright axis on two lines."""
+    return "<br>".join(map(escape, textwrap.wrap(label, _LABEL)))
+
+
 def _layout(picture: Picture) -> dict[str, Any]:
     x_axis: dict[str, Any] = _AXIS | {"title": {"text": escape(picture.x_label), "standoff": 8}}
-    y_axis: dict[str, Any] = _AXIS | {"title": {"text": escape(picture.y_label), "standoff": 8}}
+    y_axis: dict[str, Any] = _AXIS | {"title": {"text": _lines(picture.y_label), "standoff": 8}}
     if picture.names:
         places = max(len(picture.names), FEWEST_PLACES)
         x_axis |= {"type": "category", "range": [-0.5, places - 0.5], "showgrid": False}
@@ -84,7 +100,6 @@ def _layout(picture: Picture) -> dict[str, Any]:
         if max((value for trace in picture.traces if not trace.right for value in trace.y), default=0) < _FEW:
             y_axis["dtick"] = 1
     layout: dict[str, Any] = {
-        "title": {"text": escape(picture.title), "x": 0, "xref": "paper", "font": {"size": 14}},
         "xaxis": x_axis,
         "yaxis": y_axis,
         "font": {"family": "system-ui, sans-serif", "size": 11, "color": _INK},
@@ -93,10 +108,10 @@ def _layout(picture: Picture) -> dict[str, Any]:
         "height": _HEIGHT_PX,
         "barmode": "stack" if picture.stacked else "group",
         "bargap": 0.05 if picture.limits_on_x else 0.3,
-        "margin": {"t": 64, "b": 40, "l": 60, "r": 90 if picture.levels and not picture.limits_on_x else 30},
+        "margin": {"t": 50, "b": 40, "l": 60, "r": 90 if picture.levels and not picture.limits_on_x else 30},
         "showlegend": len(picture.traces) > 1,
         "legend": {
-            "orientation": "h", "x": 1, "xanchor": "right", "y": -0.22, "yanchor": "top",
+            "orientation": "h", "x": 0, "xanchor": "left", "yref": "container", "y": 1, "yanchor": "top",
         },
     }  # fmt: skip
     if picture.two_axes:

@@ -18,6 +18,7 @@ from station.quality.pictures import FEWEST_PLACES, LEVELS, Picture, Trace, colo
 _ACROSS = 4  # pictures beside each other at most
 _ROWS = 7  # and below each other on one sheet
 _HEIGHTS_IN = {1: 1.6, 2: 1.5, 3: 1.25, 4: 1.05}  # of a picture, by how many stand beside each other
+_TURNED_IN = 0.7
 _BESIDES_IN = 0.4  # of the legend and the names of the axes
 _SIZES = {1: (9.0, 7.0), 2: (8.0, 6.5), 3: (7.0, 6.0), 4: (6.5, 5.5)}  # of titles and ticks, points
 _LETTERS = 100  # of ticks beside each other over the width of a page, each with its gap
@@ -41,12 +42,19 @@ def sheets(pictures: Sequence[Picture], room_in: Callable[[], float]) -> Iterato
         there. Where none does it has those of a new page.
     """
     across = min(max(1, len(pictures)), _ACROSS)
+    height = _height_in(pictures, across)
     first = 0
     while first < len(pictures):
-        fitting = int((room_in() - _BESIDES_IN) / _HEIGHTS_IN[across])
+        fitting = int((room_in() - _BESIDES_IN) / height)
         last = first + across * (fitting if fitting > 0 else _ROWS)
         yield _sheet(pictures[first:last], across)
         first = last
+
+
+def _height_in(pictures: Sequence[Picture], across: int) -> float:
+    """Height of one picture: those with names that must turn are higher by them."""
+    turned = any(picture.names and not _level(picture.names, across) for picture in pictures)
+    return _HEIGHTS_IN[across] + (_TURNED_IN if turned else 0.0)
 
 
 @in_style
@@ -57,7 +65,9 @@ def _sheet(pictures: Sequence[Picture], across: int) -> Figure:
     )
     mpl.rcParams.update({"xtick.labelsize": tick, "ytick.labelsize": tick})
     down = math.ceil(len(pictures) / across)
-    figure = Figure(figsize=(PAGE_WIDTH_IN, _HEIGHTS_IN[across] * down + _BESIDES_IN), layout="constrained")
+    figure = Figure(
+        figsize=(PAGE_WIDTH_IN, _height_in(pictures, across) * down + _BESIDES_IN), layout="constrained"
+    )
     axes = list(figure.subplots(down, across, squeeze=False).ravel())
     for spare in axes[len(pictures) :]:
         spare.set_axis_off()
@@ -126,14 +136,19 @@ def _name_places(ax: Axes, names: Sequence[str], across: int) -> None:
     cut = [name if len(name) <= _LONGEST_NAME else f"{name[:_KEPT]}…{name[-_KEPT:]}" for name in names]
     shown = [picture_text(name) for name in cut]
     room, longest = _LETTERS // across, max(map(len, cut)) + 2
-    dates = all(name[:4].isdigit() for name in names)
-    level = dates or len(names) * longest <= room
+    level = _level(names, across)
     most = max(2, room // longest) if level else max(4, 16 // across)
     every = max(1, -(-len(names) // most))
     turned: dict[str, Any] = {} if level else {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(0, len(names), every), shown[::every], **turned)
     ax.set_xlim(-0.6, max(len(names), FEWEST_PLACES) - 0.4)
     ax.grid(visible=False, axis="x")
+
+
+def _level(names: Sequence[str], across: int) -> bool:
+    """Whether names stand level along an axis: days always do, thinned; others where they have room."""
+    days = all(name[:4].isdigit() for name in names)
+    return days or len(names) * (max(map(len, names)) + 2) <= _LETTERS // across
 
 
 def _label(figure: Figure, pictures: Sequence[Picture], axes: Sequence[Axes]) -> None:

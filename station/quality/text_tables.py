@@ -31,7 +31,7 @@ def print_table(console: Console, rows: Sequence[Mapping[str, Any]]) -> None:
     names = list(rows[0]) if rows else []
     if not names:
         return
-    needed = {name: _least_width(name, rows) for name in names}
+    needed = {name: _least_width(name, rows) + _BETWEEN for name in names}
     blocks = [[names[0]]]
     for name in names[1:]:
         block = blocks[-1]
@@ -78,9 +78,12 @@ def _table(names: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> Table:
     for name in names:
         number = is_number_column(row[name] for row in rows)
         # Only long text is broken into lines: where a table is too wide, numbers must not be the first to go.
-        long = max(cell_len(shown(name, row[name])) for row in rows) > _LONG
         found.add_column(
-            heading(name), justify="right" if number else "left", no_wrap=not long, overflow="fold"
+            heading(name),
+            justify="right" if number else "left",
+            no_wrap=_longest(name, rows) <= _LONG,
+            min_width=_least_width(name, rows),
+            overflow="fold",
         )
     for row in rows:
         # Text, not markup: a name may hold a bracket.
@@ -88,7 +91,14 @@ def _table(names: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> Table:
     return found
 
 
+def _longest(name: str, rows: Sequence[Mapping[str, Any]]) -> int:
+    return max(cell_len(shown(name, row[name])) for row in rows)
+
+
 def _least_width(name: str, rows: Sequence[Mapping[str, Any]]) -> int:
-    longest = max(cell_len(shown(name, row[name])) for row in rows)
-    words = max(map(cell_len, heading(name).split()))
-    return max(words, longest if longest <= _LONG else _LEAST_OF_LONG) + _BETWEEN
+    """Letters that a column needs: its heading, and all of a short text, the longest word of a long one."""
+    longest = _longest(name, rows)
+    if longest > _LONG:
+        words = {word for row in rows for word in shown(name, row[name]).split()}
+        longest = max(_LEAST_OF_LONG, *map(cell_len, words))
+    return max(longest, cell_len(heading(name)))

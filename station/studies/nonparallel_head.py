@@ -192,7 +192,7 @@ def _plot(points: Array, errors: Mapping[str, list[Array]]) -> Figure:
             at.set_ylabel("" if column else "y, mm")
         beside = [row[column] for row in axes]
         ticks = (-limit, 0.0, limit)
-        figure.colorbar(image, ax=beside, label="z, mm", location="bottom", ticks=ticks, format="{x:+.3f}")
+        figure.colorbar(image, ax=beside, label="z, mm", location="bottom", ticks=ticks, format="{x:.2g}")
     return figure
 
 

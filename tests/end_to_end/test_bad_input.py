@@ -234,7 +234,10 @@ def test_damaged_log_and_silent_line_are_named(
     assert str(log) in ended.err
     assert truewheel("line", "monitor", tmp_path / "none.log", "--config", config).status == 2
     # As the command does, but not for ten seconds.
-    monkeypatch.setattr(station.line.plc, "run_plc", partial(run_plc, timeouts=PlcTimeouts(connect_s=0.3)))
+    def briefly(*given: Any) -> Iterator[PlcResult]:
+        return run_plc(*given[:3], replace(given[3], connect_s=0.3))
+
+    monkeypatch.setattr(station.line.plc, "run_plc", briefly)
     with Cable() as cable:
         silent = ("--interface", "slcan", "--channel", cable.ends[0], "--config", config)
         ended = truewheel("line", "plc", "--vin", "TWDEMX00000000001", *silent)

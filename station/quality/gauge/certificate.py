@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from alignment.errors import InputError
 from alignment.statistics import GrrMethod
 from db.exports import Document
 from db.records import StoredGaugeStudy, StudyKind
+from station.quality.cells import heading, on_paper
 from station.quality.gauge.analysis import (
     GaugeReport,
     analyse_grr,
@@ -73,8 +73,8 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
         ("figure", "value", "limit", "met"),
         [
             (
-                name.replace("_", " "),
-                "–" if math.isnan(value) else f"{value:.6g}",
+                heading(name),
+                on_paper(name, value),
                 ", ".join(str(goal) for goal in result.goals if goal.figure == name),
                 ", ".join(goal.said(value, "yes", "NO") for goal in result.goals if goal.figure == name),
             )
@@ -99,12 +99,15 @@ def write_study_certificate(path: Path, stored: StoredGaugeStudy, *, created: da
             ],
         )  # fmt: skip
     cycles = {(value.part, value.appraiser, value.trial): value.cycle for value in stored.values}
+    # As many decimals as the value with the most of them: so they stand below each other.
+    texts = [f"{float(row.value):.6g}" for row in source.rows]
+    decimals = max((len(text.partition(".")[2]) for text in texts if "e" not in text), default=6)
     document.heading("Raw values")
     document.rows(
         ("part", "appraiser", "trial", "value", "time (UTC)", "cycle"),
         [
             (
-                row.part, row.appraiser, str(row.trial), f"{float(row.value):.6g}",
+                row.part, row.appraiser, str(row.trial), f"{float(row.value):.{decimals}f}",
                 "" if row.utc is None else f"{row.utc.astimezone(UTC):%Y-%m-%d %H:%M:%S}",
                 str(cycles[row.part, row.appraiser, row.trial] or ""),
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,6 +14,7 @@ from db.exports import (
     BAD,
     GOOD,
     MUTED,
+    PAGE_WIDTH_IN,
     REFERENCE,
     SERIES,
     WARNING,
@@ -20,6 +23,8 @@ from db.exports import (
     picture_text,
     whole_numbers,
 )
+
+_LETTERS = 95  # of ticks beside each other over the width of a picture
 
 
 @in_style
@@ -39,7 +44,7 @@ def grr_components(found: GrrResult) -> Figure:
     }
     if found.tolerance is not None:
         percents["tolerance"] = [found.percent_tolerance(value) or 0.0 for value in names.values()]
-    figure = Figure(figsize=(7, 4), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 2.7), layout="constrained")
     ax = figure.subplots()
     width = 0.8 / len(percents)
     for number, (label, values) in enumerate(percents.items()):
@@ -59,7 +64,7 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
     parts = list(dict.fromkeys(data.parts))
     owners = data.appraisers if data.appraisers is not None else [""] * len(data.parts)
     appraisers = list(dict.fromkeys(owners))
-    figure = Figure(figsize=(8, 6), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 4.4), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     place = {part: number for number, part in enumerate(parts)}
     for number, appraiser in enumerate(appraisers):
@@ -91,9 +96,10 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
     top.set_ylabel(_labelled("value", unit))
     bottom.set_ylabel(_labelled("range of trials", unit))
     bottom.set_ylim(bottom=0.0)
-    bottom.set_xticks(
-        range(len(parts)), [picture_text(part) for part in parts], rotation=45 if len(parts) > 12 else 0
-    )
+    # Names turn where they have no room beside each other.
+    turned: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
+    level = sum(len(part) + 2 for part in parts) <= _LETTERS
+    bottom.set_xticks(range(len(parts)), [picture_text(part) for part in parts], **({} if level else turned))
     bottom.set_xlabel("part")
     if any(appraisers):
         legend_outside(figure, title="appraiser")
@@ -103,7 +109,7 @@ def grr_values(data: GaugeData, unit: str) -> Figure:
 @in_style
 def type1_run(values: Array, reference: float, width: float, unit: str) -> Figure:
     """Run of the repetitions between the reference ± half the allowed width."""
-    figure = Figure(figsize=(8, 4), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 2.8), layout="constrained")
     run, histogram = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     run.plot(np.arange(1, len(values) + 1), values, ".-", linewidth=0.8)
     for ax in (run, histogram):
@@ -122,7 +128,7 @@ def type1_run(values: Array, reference: float, width: float, unit: str) -> Figur
 @in_style
 def linearity_line(found: LinearityResult, values: Array, references: Array, unit: str) -> Figure:
     """Single errors, biases, line and confidence band."""
-    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 3.4), layout="constrained")
     ax = figure.subplots()
     ax.plot(references, values - references, ".", color=MUTED, label="single errors")
     ax.plot([b.reference for b in found.biases], [b.bias for b in found.biases], "D", label="biases")
@@ -139,7 +145,7 @@ def linearity_line(found: LinearityResult, values: Array, references: Array, uni
 @in_style
 def chart_picture(chart: ControlChart, offset: float = 0.0, unit: str = "") -> Figure:
     """Both tracks of a control chart, signals in red with the number of their rule."""
-    figure = Figure(figsize=(9, 5.5), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 3.8), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     first = 1 if chart.size > 1 or not len(chart.spread.points) else 2
     _draw_track(top, chart.location, 1, offset, unit)
@@ -153,7 +159,7 @@ def chart_picture(chart: ControlChart, offset: float = 0.0, unit: str = "") -> F
 @in_style
 def budget_bars(found: UncertaintyBudget) -> Figure:
     """Standard uncertainties of the budget, those that another one stands for in grey."""
-    figure = Figure(figsize=(7, 0.4 * len(found.lines) + 1.5), layout="constrained")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, 0.28 * len(found.lines) + 1.0), layout="constrained")
     ax = figure.subplots()
     names = [picture_text(f"{line.component.kind} {line.component.source}".strip()) for line in found.lines]
     colours = [SERIES[0] if line.counted else MUTED for line in found.lines]

@@ -93,10 +93,10 @@ def read(path: Path, found: VinHistory) -> list[str]:
     "expected",
     [
         # Value, expanded uncertainty (k 3), lower limit, upper limit, verdict: in this order.
-        "front left camber -0.5124 ± 0.0370 -1.1250 0.2500 ok",
-        "front left toe +0.1235 ± 0.0137 -0.0625 0.3750 ok",
-        "front right toe +0.5000 ± 0.0017 -0.2000 0.2000 nok",
-        "front total toe +0.6543 ± 0.0060 -0.5000 0.7500 ok",
+        "front left camber \u22120.5124 ± 0.0370 \u22121.1250 0.2500 ok",
+        "front left toe +0.1235 ± 0.0137 \u22120.0625 0.3750 ok",
+        "front right toe +0.5000 ± 0.0017 \u22120.2000 0.2000 nok",
+        "front total toe +0.6543 ± 0.0060 \u22120.5000 0.7500 ok",
         "front camber difference +0.0000 ± 0.0024 without limits",
         "vehicle thrust angle (left positive) +0.0057 ± 0.0008 without limits",
         "vehicle front toe left to thrust +0.1146 without limits",
@@ -119,7 +119,7 @@ def test_angle_stands_with_expanded_uncertainty_limits_and_verdict(lines: list[s
         "2026-11-21 23:15:07 UTC warning warm 38 °C",
         "2026-11-19 23:05:00 UTC cal-2026-11 plate session out: camera 2 moved",
         # Measured less certified.
-        "2026-11-18 23:45:00 UTC front_left M-17 +0.0200°, -0.0700°",
+        "2026-11-18 23:45:00 UTC front_left M-17 +0.0200°, \u22120.0700°",
     ],
 )
 def test_facts_and_times_in_utc_stand_as_recorded(whole: str, expected: str) -> None:
