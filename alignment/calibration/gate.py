@@ -181,9 +181,10 @@ def judge_failure(
 ) -> GateJudgement:
     """Explain an adjustment that could not be made: by a view that contradicts the others, or as it says."""
     finding = diagnose(data, settings or AdjustmentSettings())
+    warnings = image_warnings(data)
     if finding is not None:
-        return GateJudgement(CalibrationProblem.WRONG_INPUT, finding)
-    return GateJudgement(CalibrationProblem.NOT_DETERMINED, str(error))
+        return GateJudgement(CalibrationProblem.WRONG_INPUT, finding, warnings=warnings)
+    return GateJudgement(CalibrationProblem.NOT_DETERMINED, str(error), warnings=warnings)
 
 
 def judge_calibration(

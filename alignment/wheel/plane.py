@@ -78,8 +78,9 @@ def fit_plane(points: Array, radius: Array, normal: Array, *, iterations: int = 
     along = (points - centroid) @ axes[:2].T
     inverse = np.linalg.inv((weights[:, None] * along).T @ along)
     ring = ((radius - radius.min()) / _RING).astype(np.int64)
-    gradients = np.column_stack([np.bincount(ring, weights * residuals * along[:, k]) for k in range(2)])
-    square: Array = np.asarray(gradients.T @ gradients, np.float64)
+    pulls = [np.bincount(ring, weights * residuals * along[:, k]) for k in range(2)]
+    gradients: Array = np.column_stack(pulls).astype(np.float64)
+    square: Array = gradients.T @ gradients
     for lag in range(1, min(_ALIKE, len(gradients))):
         shared = gradients[lag:].T @ gradients[:-lag]
         square = square + (1.0 - lag / _ALIKE) * (shared + shared.T)

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from alignment.calibration.adjustment import adjust
+from alignment.calibration.diagnosis import diagnose
 from alignment.calibration.gate import CalibrationProblem
 from alignment.calibration.observations import CalibrationInput
 from alignment.calibration.scale import scale_in_moves
 from alignment.geometry.transforms import RigidTransform
 from station.studies.simulated_views import STAGES, observe, square_plate
-from tests.alignment.calibration.test_gate import judged, rig, seen
+from tests.alignment.calibration.test_gate import SETTINGS, judged, rig, seen
 
 PITCH_MM = 15.0
 
@@ -75,6 +76,17 @@ def test_another_unit_is_named(make: object, slip: object, factor: float, words:
     answer = judged(slip(make(), factor))  # type: ignore[operator]
     assert answer.problem is CalibrationProblem.WRONG_INPUT
     assert words in answer.reason
+
+
+@pytest.mark.parametrize("sides", [("left", "right"), ("left",)])
+def test_one_head_and_one_camera_alone_tell_the_pitch_too(sides: tuple[str, ...]) -> None:
+    cameras = {key: camera for key, camera in rig().items() if key[0] == "head_1" and key[1] in sides}
+    wrong = plate_times(seen(cameras=cameras), 1.02)
+    reason = diagnose(wrong, SETTINGS, adjust(wrong, SETTINGS))
+    assert reason is not None
+    assert "plate and stage disagree in every view by one common scale" in reason
+    pitch = float(reason.split("a pitch of ")[1].split(" mm")[0])
+    assert pitch == pytest.approx(PITCH_MM, rel=2e-3)
 
 
 def test_good_sessions_have_one_scale() -> None:
