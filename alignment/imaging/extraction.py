@@ -22,7 +22,7 @@ CROSS_COLUMNS = 6
 #: Entries of the counts: points, lines, steep lines, crosses, width in 1/1000 px (0: no lines), points before
 #: they were thinned, whether there was more than can be thinned.
 POINTS, LINES, STEEP_LINES, CROSSES, MILLIWIDTH, FOUND, CROWDED = range(7)
-COUNTS = 7
+COUNT_ENTRIES = 7
 
 #: More points and crosses are thinned evenly; more lines are none of a projector's.
 MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12

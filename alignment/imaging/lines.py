@@ -113,7 +113,7 @@ def extract_many(
     noise = block[2].reshape(n, 2, extraction.MAX_POINTS)
     starts = np.empty((n, extraction.MAX_LINES), np.int64)
     crosses = np.empty((n, extraction.MAX_CROSSES, extraction.CROSS_COLUMNS))
-    counts = np.empty((n, extraction.COUNTS), np.int64)
+    counts = np.empty((n, extraction.COUNT_ENTRIES), np.int64)
     extraction.extract_all(
         List(same),
         views,

@@ -33,7 +33,7 @@ from sensors.simulation import SHAPES, WheelScene, draw_pose, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.wheels import calibrate_from_plate, errors_arcmin, exposed, lights, study_rig
 
-METHODS: tuple[PlaneMethod, ...] = get_args(PlaneMethod)
+PLANE_METHODS: tuple[PlaneMethod, ...] = get_args(PlaneMethod)
 SHOTS, QUICK_SHOTS = 300, 12
 _NUMBERS = ("camber_error_arcmin", "toe_error_arcmin", "camber_u_arcmin", "toe_u_arcmin")
 LOWEST, HIGHEST = 0.92, 0.98
@@ -81,7 +81,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
         exposure = float(rng.uniform(2.5, 6.0))
         images = exposed(lights(scene, rig.true), scene, rng, exposure)
         prepared = PreparedRig.of(drawn(rig.true, covariance, rng), MeasureSettings())
-        for method in METHODS:
+        for method in PLANE_METHODS:
             result = measure_wheel(images, prepared, MeasureSettings(method=method))
             rows.append(
                 {
@@ -94,7 +94,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
                     **_found(result, scene),
                 }
             )
-    return summarise(rows, quick)
+    return summarise_coverage(rows, quick)
 
 
 def _found(result: WheelMeasurement | Refusal, scene: WheelScene) -> Row:
@@ -105,13 +105,13 @@ def _found(result: WheelMeasurement | Refusal, scene: WheelScene) -> Row:
     return dict(zip(_NUMBERS, (*off, result.camber_u / ARCMIN, result.toe_u / ARCMIN), strict=True))
 
 
-def summarise(rows: Sequence[Row], quick: bool) -> StudyResult:
+def summarise_coverage(rows: Sequence[Row], quick: bool) -> StudyResult:
     """Count for each method how many intervals hold the truth; a few shots are judged as chance allows."""
     figures: dict[str, float] = {}
     goals: list[Goal] = []
     every: dict[str, Array] = {}
     slack = 0.2 if quick else 0.0
-    for method in METHODS:
+    for method in PLANE_METHODS:
         mine = [row for row in rows if row["method"] == method]
         values = [[row[name] for name in _NUMBERS] for row in mine if row[_NUMBERS[0]] is not None]
         table = np.array(values, dtype=np.float64).reshape(-1, len(_NUMBERS))
@@ -132,7 +132,7 @@ def summarise(rows: Sequence[Row], quick: bool) -> StudyResult:
             Goal(f"{method}_covered", "at_most", HIGHEST + slack),
         ]
     shots = len({row["shot"] for row in rows})
-    told = ", ".join(f"{100 * figures[f'{method}_covered']:.1f} % ({method})" for method in METHODS)
+    told = ", ".join(f"{100 * figures[f'{method}_covered']:.1f} % ({method})" for method in PLANE_METHODS)
     text = f"""
 {shots} random shots (three tyre shapes, any pose within ±3° and ±8 mm, ambient light and exposure drawn);
 for each the cameras were drawn anew from the covariance of a calibration from a rendered plate, and the same

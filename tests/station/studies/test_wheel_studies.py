@@ -100,9 +100,9 @@ def test_the_intervals_of_every_selectable_method_are_counted(monkeypatch: pytes
     monkeypatch.setattr(coverage, "calibrate_from_plate", as_built)
     monkeypatch.setattr(coverage, "QUICK_SHOTS", 2)
     result = coverage.run(5, True, silent)
-    assert coverage.METHODS == ("revolution", "plane", "ridges")
-    assert [row["method"] for row in result.rows] == 2 * list(coverage.METHODS)
-    for method in coverage.METHODS:
+    assert coverage.PLANE_METHODS == ("revolution", "plane", "ridges")
+    assert [row["method"] for row in result.rows] == 2 * list(coverage.PLANE_METHODS)
+    for method in coverage.PLANE_METHODS:
         measured = 2 - result.figures[f"{method}_refused"]
         assert measured >= 1
         # Four intervals at most: a method that covers half of them and less states too little.
@@ -131,12 +131,14 @@ def test_one_method_that_states_too_little_or_too_much_misses_the_goal_by_its_na
         good = [covered(method, r) for method in ("revolution", "ridges") for r in [0.5] * 95 + [2.5] * 5]
         return good + [covered("plane", r) for r in of_plane]
 
-    true = coverage.summarise(rows([0.5] * 95 + [2.5] * 5 + [None]), quick=False)
+    true = coverage.summarise_coverage(rows([0.5] * 95 + [2.5] * 5 + [None]), quick=False)
     assert not true.missed
     assert true.figures["plane_covered"] == pytest.approx(0.95)
     assert (true.figures["plane_refused"], true.figures["ridges_refused"]) == (1, 0)
     for narrow, goal in ((90, "at_least"), (99, "at_most")):
-        missed = coverage.summarise(rows([0.5] * narrow + [2.5] * (100 - narrow)), quick=False).missed
+        missed = coverage.summarise_coverage(
+            rows([0.5] * narrow + [2.5] * (100 - narrow)), quick=False
+        ).missed
         assert [(each.figure, each.sense) for each in missed] == [("plane_covered", goal)]
 
 
