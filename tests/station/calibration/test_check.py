@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -92,6 +93,26 @@ def test_a_true_calibration_is_within_tolerance_and_the_check_is_kept(
     assert check.utc == NOON
     assert check.as_found == said["figures"]
     assert check.as_left is None
+
+
+def test_a_blurred_and_a_dark_camera_are_told_by_the_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both were taken without a word."""
+    whole = plate_session()
+    (view,) = (v for v in whole.views if v.name == "middle")
+    images = dict(view.images)
+    images["head_1", "left"] = cv2.GaussianBlur(images["head_1", "left"], (0, 0), 3.0)
+    dark = images["head_2", "right"]
+    images["head_2", "right"] = np.rint(dark / 20.0).astype(dark.dtype)
+    folder = tmp_path / "session"
+    write_plate_session(folder, replace(whole, time_utc=NOON, views=(replace(view, images=images),)))
+    written(tmp_path / "true.json", true_rig())
+    run("calibration", "check", folder, "--calibration", tmp_path / "true.json")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "warning: head_1 left: the marks' edges are blurred over 3." in said
+    assert "warning: head_2 right: the marks stand out by only" in said
+    assert said.count("warning:") == 2
 
 
 def test_a_knocked_camera_is_out_of_tolerance_and_named(
