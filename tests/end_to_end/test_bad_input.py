@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from PIL import Image
 
 import station.line.plc
 from sensors.formats import read_image, write_image
-from station.line.plc.orders import PlcTimeouts
+from station.line.plc.orders import PlcResult
 from station.line.plc.simulator import run_plc
 from station.line.tools.cable import Cable
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
@@ -233,6 +234,7 @@ def test_damaged_log_and_silent_line_are_named(
     assert ended.status == 2
     assert str(log) in ended.err
     assert truewheel("line", "monitor", tmp_path / "none.log", "--config", config).status == 2
+
     # As the command does, but not for ten seconds.
     def briefly(*given: Any) -> Iterator[PlcResult]:
         return run_plc(*given[:3], replace(given[3], connect_s=0.3))
