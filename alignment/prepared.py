@@ -54,8 +54,8 @@ class PreparedRig:
         if calibration.depth_range_mm != settings.depth_range_mm:
             raise DegenerateInputError(
                 field="depth_range_mm",
-                expected=f"{settings.depth_range_mm}, that of the settings",
-                seen=f"a rig prepared for {calibration.depth_range_mm}",
+                expected="{:g} to {:g} mm, that of the settings".format(*settings.depth_range_mm),
+                seen="a rig prepared for {:g} to {:g} mm".format(*calibration.depth_range_mm),
                 cure="Prepare the rig with the settings that it measures with.",
             )
         return calibration

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from alignment.counting import listed
 from alignment.errors import (
     CameraConnectionError,
     CameraError,
@@ -85,7 +86,7 @@ class Rig:
         ):
             if not names or len(set(names)) < len(names):
                 raise ConfigurationError(
-                    field=f"{name}.{field}", expected="one or more, with different names", seen=str(names)
+                    field=f"{name}.{field}", expected="one or more, with different names", seen=listed(names)
                 )
 
     @property
@@ -257,11 +258,13 @@ def _require_frame(camera: Camera, frame: Any) -> None:
     """Raise unless a driver gave a frame that is what `Frame` says."""
     image: Any = getattr(frame, "image", None)
     if not isinstance(frame, Frame):
-        seen = f"a {type(frame).__name__}"
+        seen = "nothing" if frame is None else f"a {type(frame).__name__}"
     elif frame.camera != camera.name:
         seen = f"a frame of camera {frame.camera}"
-    elif not isinstance(image, np.ndarray) or image.ndim != 2 or not image.size:
-        seen = f"an image of shape {getattr(image, 'shape', None)}"
+    elif not isinstance(image, np.ndarray):
+        seen = f"a {type(image).__name__} in place of an image"
+    elif image.ndim != 2 or not image.size:
+        seen = f"an image of shape {image.shape}"
     elif image.dtype not in (np.uint8, np.uint16):
         seen = f"an image of type {image.dtype}"
     elif isinstance(frame.trigger_counter, bool) or not isinstance(frame.trigger_counter, int | np.integer):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
+from alignment.counting import listed
 from alignment.errors import DegenerateInputError
 from alignment.values import StereoImages
 from sensors.camera import Frame
@@ -53,7 +54,7 @@ class WheelShot:
         names = [head.name for head in self.heads]
         if not names or len(set(names)) < len(names):
             raise DegenerateInputError(
-                field="heads", expected="one or more heads with different names", seen=str(names)
+                field="heads", expected="one or more heads with different names", seen=listed(names)
             )
         counters = [head.left.trigger_counter for head in self.heads]
         if len(set(counters)) > 1:

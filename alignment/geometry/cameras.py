@@ -55,7 +55,9 @@ class CameraModel:
         values = (self.fx, self.fy, self.cx, self.cy, self.skew, *self.coefficients)
         if not np.isfinite(values).all() or self.fx <= 0 or self.fy <= 0:
             raise DegenerateInputError(
-                field="fx, fy", expected="positive focal lengths and finite parameters", seen=str(values)
+                field="fx, fy",
+                expected="positive focal lengths and finite parameters",
+                seen=", ".join(f"{value:g}" for value in values),
             )
         if self.width < 1 or self.height < 1:
             raise DegenerateInputError(

@@ -83,7 +83,9 @@ def zero_correction(
     before, after = (normal_from_angles(*angles, side) for angles in (measured, certified))
     if not before @ after > 0.0:
         raise DegenerateInputError(
-            field="certified", expected=f"angles near the measured {measured}", seen=f"{certified}"
+            field="certified",
+            expected="angles near the measured ones, camber {:.4g} and toe {:.4g} rad".format(*measured),
+            seen="camber {:.4g} and toe {:.4g} rad".format(*certified),
         )
     across = np.cross(before, after)
     sine = float(np.linalg.norm(across))

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import AwareDatetime, Field, model_validator
 
 from alignment.believable import LARGEST_TURN, place_problem, pose_slip, side_in_name, turn_from_nominal
+from alignment.counting import listed
 from alignment.errors import DegenerateInputError
 from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side
@@ -112,7 +113,7 @@ class Covariance(StrictModel):
             raise DegenerateInputError(
                 field="matrix",
                 expected=f"{size} × {size} numbers, one row for each parameter",
-                seen=f"{len(self.matrix)} rows of {sorted(lengths)}",
+                seen=f"{len(self.matrix)} rows of {listed(sorted(lengths))}",
             )
         matrix = np.array(self.matrix)
         deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
@@ -171,7 +172,9 @@ class CalibrationFile(StrictModel):
     def _is_calibration(self) -> CalibrationFile:
         names = [head.name for head in self.heads]
         if len(set(names)) < len(names):
-            raise DegenerateInputError(field="heads", expected="heads with different names", seen=str(names))
+            raise DegenerateInputError(
+                field="heads", expected="heads with different names", seen=listed(names)
+            )
         check_side(self.rig, self.side)
         self._check_pose()
         calibration = self.calibration()

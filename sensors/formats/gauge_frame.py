@@ -11,6 +11,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from alignment.believable import NEAREST_MM, place_problem, side_in_name
+from alignment.counting import listed
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.geometry import RigidTransform
 from sensors.formats.calibration import Pose
@@ -51,7 +52,7 @@ class GaugeFrameFile(StrictModel):
     def _rigs_differ(self) -> GaugeFrameFile:
         rigs = [plate.rig for plate in self.plates]
         if len(set(rigs)) < len(rigs):
-            raise DegenerateInputError(field="plates", expected="one plate for each rig", seen=str(rigs))
+            raise DegenerateInputError(field="plates", expected="one plate for each rig", seen=listed(rigs))
         for k, plate in enumerate(self.plates):
             self._check_place(k, plate)
         return self

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.arrays import Array, Index, Mask
+from alignment.counting import listed
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
 from alignment.imaging import Plate
@@ -264,7 +265,7 @@ def _certified(nominal: Plate, pitch_mm: float, content: bytes, path: Path) -> P
                 file=path,
                 field=where,
                 expected="each mark of the plate once",
-                seen=f"{known}: {list(mark)}",
+                seen=f"{known}: [{listed(mark)}]",
                 cure="Use the certificate of this plate",
             )
         left.remove(mark)
@@ -274,7 +275,7 @@ def _certified(nominal: Plate, pitch_mm: float, content: bytes, path: Path) -> P
             raise FormatError(
                 file=path,
                 field=where,
-                expected=f"mark {list(mark)} near its place in the grid",
+                expected=f"mark [{listed(mark)}] near its place in the grid",
                 seen=f"{far:g} mm from there",
                 cure="Check that it is this plate's certificate, in millimetres, with its origin and axes",
             )
@@ -284,7 +285,7 @@ def _certified(nominal: Plate, pitch_mm: float, content: bytes, path: Path) -> P
         raise FormatError(
             file=path,
             expected=f"all {len(rows)} marks of the plate",
-            seen=f"{len(left)} missing, the first {list(min(left))}",
+            seen=f"{len(left)} missing, the first [{listed(min(left))}]",
             cure="Use the whole certificate of this plate",
         )
     return replace(nominal, points=points, sigma_mm=sigma)

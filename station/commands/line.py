@@ -262,7 +262,8 @@ def cable(as_json: JsonFlag = False) -> None:
         if as_json:
             print_json({"interface": "slcan", "ends": list(opened.ends), "options": SLCAN_OPTIONS})
         else:
-            typer.echo(f"interface slcan, options {SLCAN_OPTIONS}: {opened.ends[0]} and {opened.ends[1]}")
+            options = ", ".join(f"{name} = {value}" for name, value in SLCAN_OPTIONS.items())
+            typer.echo(f"interface slcan, options {{ {options} }}: {opened.ends[0]} and {opened.ends[1]}")
         stopping.wait()
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
+from alignment.counting import listed
 from alignment.errors import TruewheelError
 from alignment.prepared import PreparedRig
 from alignment.values import (
@@ -286,7 +287,7 @@ class WheelPosition:
             return None, fault(
                 ErrorCode.INTERNAL_FAULT,
                 f"{self.name}: expected finite angles with uncertainties above 0 from the measurement, "
-                f"found camber {found.camber}, toe {found.toe}, uncertainties {uncertainties}; "
+                f"found camber {found.camber}, toe {found.toe}, uncertainties {listed(uncertainties)}; "
                 "report this as a defect",
             )
         expanded = found.coverage_factor * max(uncertainties)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import can
 
+from alignment.counting import count_of
 from alignment.errors import LineError
 from db.records import CycleOutcome, CycleRecord
 from db.store import ResultStore
@@ -61,6 +62,9 @@ class _Kept:
 
     outcome: str
     cambers_deg: tuple[float | None, ...]
+
+    def __str__(self) -> str:
+        return f"{self.outcome} with camber {_in_words(self.cambers_deg)}"
 
 
 class PowerLossBench:
@@ -126,12 +130,14 @@ class PowerLossBench:
         record = self._stored(vin)
         wrong = []
         if ordered and len({line["result"] for line in results}) + bool(faults) != 1:
-            wrong.append(f"expected one result or one fault, found {results} and {faults}")
+            counts = count_of(len(results), "result"), count_of(len(faults), "fault")
+            wrong.append(f"expected one result or one fault, found {' and '.join(counts)}")
         if results and record is None:
             wrong.append("the controller has a result and nothing is stored")
         for line in results:
             if record is not None and not _same_angles(line["camber_deg"], record):
-                wrong.append(f"the controller has {line['camber_deg']}, stored is {_cambers(record)}")
+                told, stored = _in_words(line["camber_deg"]), _in_words(_cambers(record))
+                wrong.append(f"the controller has {told}, stored is {stored}")
         if not ordered and record is not None:
             wrong.append("a vehicle that was not ordered is stored")
         wrong += _incomplete(record)
@@ -226,7 +232,7 @@ def kill_all(
 
 def _contradictions(kept: list[_Kept], record: CycleRecord | None) -> Iterator[str]:
     if kept and record is None:
-        yield f"the controller has {kept} and nothing is stored"
+        yield f"the controller has {' and '.join(map(str, kept))} and nothing is stored"
     if record is not None and not kept:
         yield f"stored is {record.outcome} and the controller has nothing"
     for result in kept if record is not None else []:
@@ -235,7 +241,8 @@ def _contradictions(kept: list[_Kept], record: CycleRecord | None) -> Iterator[s
             yield f"the controller has {result.outcome}, stored is {record.outcome}"
         told_nothing = record.outcome is CycleOutcome.FAULT and set(result.cambers_deg) == {None}
         if not told_nothing and not _same_angles(result.cambers_deg, record):
-            yield f"the controller has {result.cambers_deg}, stored is {_cambers(record)}"
+            told, stored = _in_words(result.cambers_deg), _in_words(_cambers(record))
+            yield f"the controller has {told}, stored is {stored}"
     yield from _incomplete(record)
 
 
@@ -252,6 +259,10 @@ def _cambers(record: CycleRecord) -> list[float | None]:
     wheels = {wheel.wheel: wheel.camber for wheel in record.wheels}
     names = ("front_left", "front_right", "rear_left", "rear_right")
     return [None if (angle := wheels.get(name)) is None else math.degrees(angle) for name in names]
+
+
+def _in_words(cambers_deg: Iterable[float | None]) -> str:
+    return ", ".join("none" if angle is None else f"{angle:.4f}°" for angle in cambers_deg)
 
 
 def _same_angles(cambers_deg: Sequence[float | None], record: CycleRecord) -> bool:

@@ -14,7 +14,7 @@ from types import FrameType
 from alignment.counting import count_of
 from station.configuration import Configuration, read_configuration
 from station.cycle import CycleReport, Observer, StationState, Status, missed_in_words
-from station.line.tools import SLCAN_OPTIONS, Cable
+from station.line.tools import named_cable
 from station.line.wire import ONE_PROCESS, BusSettings
 from station.running.composition import OpenStation, bus_settings, open_station
 from station.warm_up import StoppedError
@@ -87,8 +87,8 @@ def _end_of_the_bus(configuration: Configuration, plug: Path | None) -> Iterator
     if plug is None:
         yield settings
         return
-    with Cable(plug) as cable:
-        yield replace(settings, interface="slcan", channel=cable.ends[0], options=SLCAN_OPTIONS)
+    with named_cable(plug) as end:
+        yield replace(settings, interface=end.interface, channel=end.channel, options=end.options)
 
 
 def _serve(

@@ -1,5 +1,6 @@
 from .cable import SLCAN_OPTIONS as SLCAN_OPTIONS
 from .cable import Cable as Cable
+from .cable_apart import named_cable as named_cable
 from .conformance import check_station as check_station
 from .document import interface_document as interface_document
 from .logs.reading import read_log as read_log

@@ -3,9 +3,6 @@
 Each end is a pseudo-terminal; python-can's ``slcan`` interface opens it like an adapter, with the option
 ``sleep_after_open = 0.0``. Linux and macOS only. What is sent while the other end is closed is lost, as on a
 real bus with nobody on it.
-
-The system chooses the names of the devices. An end that somebody types can have a name of its own: a symbolic
-link, gone with the cable.
 """
 
 from __future__ import annotations
@@ -14,11 +11,9 @@ import os
 import select
 import threading
 import tty
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from alignment.errors import ConfigurationError
 from station.line.wire import BusSettings
 from station.threads import SupervisedThread
 
@@ -31,16 +26,6 @@ _LARGEST_BACKLOG = 65_536
 class Cable:
     """A cable with two ends; use it in a `with`, or call `close`.
 
-    Parameters
-    ----------
-    plug
-        A file name for the second end; None leaves it the one that the system chose.
-
-    Raises
-    ------
-    ConfigurationError
-        When something else has that name, or no link can be made there.
-
     Attributes
     ----------
     ends
@@ -49,11 +34,10 @@ class Cable:
         What was sent to an end that nobody had open, or that nobody read.
     """
 
-    def __init__(self, plug: Path | None = None) -> None:
+    def __init__(self) -> None:
         pairs = [os.openpty() for _ in range(2)]
         self.ends = (os.ttyname(pairs[0][1]), os.ttyname(pairs[1][1]))
         self._masters = [master for master, _ in pairs]
-        self._plug: Path | None = None
         self._backlog = [b"", b""]
         self.lost_bytes = 0
         for master, slave in pairs:
@@ -61,12 +45,6 @@ class Cable:
             os.set_blocking(master, False)
             # Not held open: a master whose device nobody has open says so.
             os.close(slave)
-        if plug is not None:
-            try:
-                self._name(plug)
-            except BaseException:
-                self._let_go()
-                raise
         self._poll = select.poll()
         for master in self._masters:
             self._poll.register(master, select.POLLIN)
@@ -80,7 +58,9 @@ class Cable:
     def close(self) -> None:
         """Pull the cable out; harmless when closed."""
         self._relay.stop()
-        self._let_go()
+        masters, self._masters = self._masters, []
+        for master in masters:
+            os.close(master)
 
     def __enter__(self) -> Self:
         return self
@@ -89,34 +69,6 @@ class Cable:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    def _name(self, plug: Path) -> None:
-        """Link the name to the second end; a link that leads nowhere was left by a killed program."""
-        try:
-            plug.parent.mkdir(parents=True, exist_ok=True)
-            if plug.is_symlink() and not plug.exists():
-                plug.unlink()
-            plug.symlink_to(self.ends[1])
-        except OSError as error:
-            there = plug.is_symlink() or plug.exists()
-            raise ConfigurationError(
-                file=plug,
-                choice="cable",
-                expected="a new name for the other end of the cable",
-                seen="something of this name" if there else error.strerror or str(error),
-                cure="Choose another name, or remove it if no other program has it"
-                if there
-                else "Choose a place that can be written",
-            ) from error
-        self._plug = plug
-
-    def _let_go(self) -> None:
-        plug, self._plug = self._plug, None
-        if plug is not None and plug.is_symlink() and str(plug.readlink()) == self.ends[1]:
-            plug.unlink()
-        masters, self._masters = self._masters, []
-        for master in masters:
-            os.close(master)
 
     def _step(self, stopping: threading.Event) -> None:
         waiting = any(self._backlog)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 
+from alignment.counting import listed
 from alignment.errors import TruewheelError
 from station.cycle import ErrorCode, LiveState, Mode, Outcome
 from station.line.tools.trial import Point, PointVerdict, Trial
@@ -43,9 +44,9 @@ def _frames_protected(trial: Trial) -> None:
 def _interface_version(trial: Trial) -> None:
     trial.plc.view.wait_until(3.0, lambda: trial.plc.view.info is not None)
     info, known = trial.plc.view.info, trial.database.interface_version
-    trial.expect(f"StationInfo with version {known[0]}.x, found {info}", info is not None)
+    trial.expect(f"StationInfo with version {known[0]}.x, found {info or 'none'}", info is not None)
     assert info is not None
-    trial.expect(f"version {known[0]}.x, found {info.interface}", info.interface[0] == known[0])
+    trial.expect(f"version {known[0]}.x, found {info}", info.interface[0] == known[0])
 
 
 def _heartbeat_comes_back(trial: Trial) -> None:
@@ -58,7 +59,7 @@ def _heartbeat_comes_back(trial: Trial) -> None:
         return len(seen) > 3
 
     trial.plc.view.wait_until(2.0, two)
-    trial.expect(f"another HeartbeatEcho with each Command, found {sorted(seen)}", len(seen) > 3)
+    trial.expect(f"another HeartbeatEcho with each Command, found {listed(sorted(seen))}", len(seen) > 3)
 
 
 def _lost_heartbeat(trial: Trial) -> None:
@@ -117,7 +118,7 @@ def _vin_incomplete(trial: Trial) -> None:
     # No wheel is marked either; a station may name what it likes first.
     reasons = (E.VIN_INCOMPLETE, E.NO_WHEELS)
     trial.expect(
-        f"refused with vin_incomplete, found {found}", bool(found) and found[0].error_code in reasons
+        f"refused with vin_incomplete, found {listed(found)}", bool(found) and found[0].error_code in reasons
     )
 
 
@@ -162,7 +163,7 @@ def _good_cycle(trial: Trial) -> None:
         for m in result.received
         if m.values.get("Sequence") == result.sequence and m.time_s < result.busy_s and "Result" in m.name
     ]
-    trial.expect(f"no result before busy, found {early}", not early)
+    trial.expect(f"no result before busy, found {listed(early)}", not early)
     trial.expect(
         f"a verdict on the vehicle, found {result.vehicle.outcome}",
         result.vehicle.outcome in (Outcome.OK, Outcome.NOK, Outcome.FAULT),
@@ -292,8 +293,9 @@ def _master_check(trial: Trial) -> None:
 
 def _live(trial: Trial) -> None:
     live = trial.plc.view.live
+    found = ", ".join(f"{wheel} {angles.state}" for wheel, angles in live.items())
     trial.expect(
-        f"live angles of each wheel, found {live}",
+        f"live angles of each wheel, found {found or 'none'}",
         trial.plc.view.wait_until(
             trial.vehicles.patience_s,
             lambda: any(

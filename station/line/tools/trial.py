@@ -62,7 +62,7 @@ class Trial:
     def expect(self, what: str, true: bool) -> None:
         """Fail unless something is so."""
         if not true:
-            raise NotFulfilledError(f"expected {what}; last status: {self.plc.status}")
+            raise NotFulfilledError(f"expected {what}; last status: {self.plc.status or 'none'}")
 
     def status(self, what: str, reached: Callable[[LineStatus], bool]) -> LineStatus:
         """Wait for a Status."""
