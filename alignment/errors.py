@@ -27,7 +27,7 @@ plain words; a surface that has its own (options of a command, inputs of a scree
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from os import PathLike, fspath
@@ -64,7 +64,7 @@ class Remedy:
 
     def told(self, deed: str) -> str:
         """Return the sentences of the remedy with the deed in other words; ``{of}`` is what it is done to."""
-        return ". ".join(part for part in (deed.replace("{of}", self.of), self.then) if part)
+        return together((part for part in (deed.replace("{of}", self.of), self.then) if part), ". ")
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,12 @@ class TruewheelError(Exception):
     def told(self, words: Words) -> str:
         """Return the sentence in the words of a surface."""
         return str(self)
+
+
+def together(texts: Iterable[str], between: str = "; ") -> str:
+    """Return several texts as one, such as the failures of one step; no full stop is before another mark."""
+    *before, last = list(texts) or [""]
+    return between.join([*(text.removesuffix(".") for text in before), last])
 
 
 def told(error: BaseException, longest: int = 300) -> str:
@@ -147,9 +153,8 @@ class InputError(TruewheelError, ValueError):
             text += f", found {self.seen}"
         if where:
             text = f"{where}: {text}"
-        return ". ".join(
-            part for part in (text, self.cure, self.remedy and words.remedy(self.remedy)) if part
-        )
+        parts = (text, self.cure, self.remedy and words.remedy(self.remedy))
+        return together((part for part in parts if part), ". ")
 
 
 class FormatError(InputError):
@@ -181,7 +186,7 @@ class CameraError(TruewheelError, RuntimeError):
         self.camera = camera
         self.problem = problem
         self.cure = cure
-        super().__init__(f"camera {camera}: {problem}" + (f". {cure}" if cure else ""))
+        super().__init__(together((f"camera {camera}: {problem}", *([cure] if cure else [])), ". "))
 
 
 class CameraConnectionError(CameraError, ConnectionError):
@@ -214,7 +219,9 @@ class _RemediedError(TruewheelError, RuntimeError):
 
     def told(self, words: Words) -> str:
         """Return the sentence in the words of a surface."""
-        return self.problem if self.remedy is None else f"{self.problem}. {words.remedy(self.remedy)}"
+        return (
+            self.problem if self.remedy is None else together((self.problem, words.remedy(self.remedy)), ". ")
+        )
 
 
 class StoreError(_RemediedError):
@@ -259,4 +266,4 @@ class SeveralErrors(TruewheelError, ExceptionGroup):  # noqa: N818  (the name re
             error.told(words) if isinstance(error, TruewheelError) else str(error)
             for error in self.exceptions
         ]
-        return "; ".join([self.message, *parts])
+        return together([self.message, *parts])

@@ -7,6 +7,7 @@ property of this name, of what a function of this name returns. What has none is
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -163,6 +164,27 @@ def test_no_message_shows_how_python_writes_an_object() -> None:
     """A refusal said ``LineStatus(state=<StationState.IDLE: 'idle'>, …)``, an aborted cycle ``Abort(…)``."""
     # The shape of an array is written as in mathematics.
     assert [found for found in raw_values(product()) if not found.endswith((": shape", ": size"))] == []
+
+
+def literals(modules: dict[str, ast.Module]) -> Iterator[tuple[str, str]]:
+    """Texts as they stand in the code, and where; of formatted ones with {} for each value."""
+    for file, tree in modules.items():
+        inside = {
+            id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values
+        }
+        inside |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.JoinedStr):
+                parts = [str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values]
+                yield f"{file}:{node.lineno}", "".join(parts)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inside:
+                yield f"{file}:{node.lineno}", node.value
+
+
+def test_no_text_has_a_blank_or_a_full_stop_before_another_mark() -> None:
+    marks = re.compile(r"\w[ ][,;](?= )|[\w}][.][,;](?= )|,,|[(][ ]?[)][.]|: [)]")
+    found = [f"{place}: {text}" for place, text in literals(product()) if marks.search(text)]
+    assert found == []
 
 
 CODE = """

@@ -15,7 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from alignment.errors import InputError, LineError, StoreError
+from alignment.errors import InputError, LineError, StoreError, together
 from db.records import CycleRecord, Severity
 from station.configuration import VehicleType
 from station.cycle.adjusting import Adjusting
@@ -464,7 +464,7 @@ class MeasuringCycle:
             self._bounds.measure_s,
         ):
             self._trouble = Trouble(ErrorCode.CAMERA_FAULT, next(iter(failures)))
-            text = "; ".join(failure.text for failure in failures.values())
+            text = together(failure.text for failure in failures.values())
             self._provoked.say((Severity.ERROR, str(self._trouble.code)), text)
         elif not (self._ledger.settle() and self._note(Severity.INFO, "reset", "the line reset the station")):
             self._trouble = Trouble(ErrorCode.STORE_FAULT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from alignment.errors import together
 from db.records import CycleOutcome, CycleRecord, VehicleRecord
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
 from station.cycle.judging import Evaluation
@@ -33,7 +34,7 @@ def cycle_record(
     code: str | None = None
     text: str | None = None
     if failures:
-        code, text = failures[0].reason_code, "; ".join(failure.text for failure in failures)
+        code, text = failures[0].reason_code, together(failure.text for failure in failures)
         wheel = next(w.result.wheel for w in evaluation.wheels if w.result.failure is failures[0])
         trouble = Trouble(failures[0].error_code, wheel)
     elif outcome is CycleOutcome.FAULT:

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 from alignment.counting import count_of
+from alignment.errors import together
 from station.configuration import Configuration, read_configuration
 from station.cycle import CycleReport, Observer, StationState, Status, missed_in_words
 from station.line.tools import named_cable
@@ -36,7 +37,7 @@ class _Log(Observer):
     def cycle_done(self, report: CycleReport) -> None:
         trigger, record = report.trigger, report.record
         missed = [angle for angle in report.evaluation.angles if angle.status is Status.NOK]
-        why = "; ".join([*filter(None, [record.reason_text]), *map(missed_in_words, missed)])
+        why = together([*filter(None, [record.reason_text]), *map(missed_in_words, missed)])
         _LOG.info(
             "start %d, VIN %s: %s%s, line was told %s",
             trigger.sequence,
