@@ -169,7 +169,11 @@ def monitor(
         ),
     ] = None,
     cycles: Annotated[
-        bool, typer.Option("--cycles", help="One line for each start: VIN, result, times.")
+        bool,
+        typer.Option(
+            "--cycles",
+            help="One line for each start: number, VIN, result, and seconds until busy, done, taken over.",
+        ),
     ] = False,
     everything: Annotated[
         bool, typer.Option("--all", help="Every frame with all its signals, not only what changed.")

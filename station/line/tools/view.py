@@ -166,18 +166,12 @@ class VehicleView:
         if cycle is None or self._told:
             return
         self._told = True
-        times = {
-            "busy": cycle.busy_s,
-            "first result": min(cycle.result_times_s, default=None),
-            "done": cycle.done_s,
-            "acknowledged": cycle.acknowledged_s,
-        }
-        parts = [
-            f"start {cycle.sequence}, {self._vin}: {self._outcome or 'no result'}",
-            *(f"{what} +{when - cycle.start_s:.3f} s" for what, when in times.items() if when is not None),
-            *(f"!! {problem}" for problem in cycle.out_of_order),
-        ]
-        yield f"{clock_time(cycle.start_s)}  {'  '.join(parts)}"
+        times = {"busy": cycle.busy_s, "done": cycle.done_s, "taken": cycle.acknowledged_s}
+        passed = [f"{what} {when - cycle.start_s:.3f}" for what, when in times.items() if when is not None]
+        # Eighty columns hold the line of a good vehicle.
+        head = f"{clock_time(cycle.start_s)} {cycle.sequence:3d} {self._vin} {self._outcome or 'no result'}"
+        seconds = [f"{' '.join(passed)} s"] if passed else []
+        yield "  ".join([head, *seconds, *(f"!! {problem}" for problem in cycle.out_of_order)])
 
 
 def clock_time(time_s: float) -> str:

@@ -105,19 +105,14 @@ def test_each_start_is_one_line_when_it_is_acknowledged(database: LineDatabase) 
     second = [*a_cycle(database, 5, NOON + 9.0), *after(5, NOON + 9.0, "ok")]
     view = VehicleView(database.vin_messages)
     said = [line for frame in first for line in view.lines(frame)]
-    assert said == [
-        f"12:00:00.250  start 4, {VIN}: nok  busy +0.020 s  first result +1.500 s  done +1.600 s  "
-        "acknowledged +1.700 s"
-    ]
-    assert [line.partition("  busy")[0] for line in lines(view, second)] == [
-        f"12:00:09.250  start 5, {VIN}: ok"
-    ]
+    assert said == [f"12:00:00.250   4 {VIN} nok  busy 0.020 done 1.600 taken 1.700 s"]
+    assert [line.partition("  busy")[0] for line in lines(view, second)] == [f"12:00:09.250   5 {VIN} ok"]
 
 
 def test_a_start_that_is_refused_or_without_an_end_is_a_line_too(database: LineDatabase) -> None:
     begun = a_cycle(database, 4, NOON)
     [line] = lines(VehicleView(database.vin_messages), begun)
-    assert line == f"12:00:00.250  start 4, {VIN}: no result"
+    assert line == f"12:00:00.250   4 {VIN} no result"
     refused = DecodedFrame(
         NOON + 0.1,
         0x121,
@@ -125,7 +120,7 @@ def test_a_start_that_is_refused_or_without_an_end_is_a_line_too(database: LineD
         {"Code": "start", "Sequence": 4, "Answer": "refused", "ErrorCode": "busy"},
     )
     [line] = lines(VehicleView(database.vin_messages), [*begun, refused])
-    assert line == f"12:00:00.250  start 4, {VIN}: refused: busy"
+    assert line == f"12:00:00.250   4 {VIN} refused: busy"
 
 
 def test_times_that_are_no_date_are_seconds() -> None:
