@@ -46,6 +46,7 @@ def check(
     as_json: JsonFlag = False,
 ) -> None:
     """Validate a configuration and all that it names, without starting; every mistake at once."""
+    from station.line.wire import ONE_PROCESS
     from station.running import check_configuration
 
     path = own_config(file)
@@ -71,5 +72,10 @@ def check(
             f" {len(configuration.vehicle_types)} vehicle types, line {settings.line.interface}"
             f" {settings.line.channel}"
         )
+        if settings.line.interface == ONE_PROCESS:
+            typer.echo(
+                f"the interface {ONE_PROCESS} is in one process only, no PLC reaches it: name that of your "
+                "bus, or try the station without one, `truewheel run --cable NAME`"
+            )
     if findings:
         raise typer.Exit(BAD_INPUT)

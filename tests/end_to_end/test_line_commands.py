@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from station.line.tools.cable import Cable
-from tests.end_to_end.conftest import CONFIGS, Truewheel
+from tests.end_to_end.conftest import CONFIGS, Truewheel, change
 
 CONFIG = ("--config", CONFIGS / "station.toml")
 
@@ -115,6 +115,13 @@ def test_a_channel_of_this_process_alone_is_refused_with_what_to_do(
     assert "in one process only" in ended.err
     assert "`truewheel run --cable out/plc`" in ended.err
     assert ("--simulated" in ended.err) == (verb[0] != "monitor")
+
+
+def test_config_check_says_that_no_plc_reaches_a_virtual_channel(truewheel: Truewheel, configs: Path) -> None:
+    config = configs / "station.toml"
+    assert "no PLC reaches it" in truewheel("config", "check", config).out
+    change(config, 'interface = "virtual"', 'interface = "socketcan"')
+    assert "no PLC reaches it" not in truewheel("config", "check", config).out
 
 
 def test_document_command_writes_what_is_delivered(truewheel: Truewheel, tmp_path: Path) -> None:
