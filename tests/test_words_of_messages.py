@@ -154,8 +154,11 @@ def raw_values(modules: dict[str, ast.Module]) -> list[str]:
             for file, tree in modules.items()
             for function in ast.walk(tree)
             if isinstance(function, Function)
-            for value in shown(function)
-            if types.written_raw(value, locals_of(function, types))
+            for values in [list(shown(function))]
+            if values
+            for local in [locals_of(function, types)]
+            for value in values
+            if types.written_raw(value, local)
         }
     )
 
