@@ -110,7 +110,7 @@ class Station:
     class line:
         health = "good"
 
-app.open_station = lambda configuration, observer, stopping: Station()
+app.open_station = lambda configuration, observer, stopping, bus: Station()
 app.run_station(Path("configs/station.toml"))
 print("ended")
 """
