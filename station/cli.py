@@ -37,6 +37,7 @@ from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
 from station.commands.simulate import simulate_app
+from station.commands.simulate_vehicle import simulate_vehicle_command
 from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
@@ -60,6 +61,7 @@ app.command()(demo)
 app.command()(init)
 app.command()(wheel.measure)
 app.command()(calibrate)
+simulate_app.command("vehicle")(simulate_vehicle_command)
 simulate_app.command("plate-session")(simulate_plate_session_command)
 simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)

@@ -12,6 +12,7 @@ from sensors.formats.plate_session import PlateSessionFile
 from sensors.formats.plate_truth import PlateTruthFile
 from sensors.formats.shot import ShotFile
 from sensors.formats.truth import TruthFile
+from sensors.formats.vehicle import VehicleFile, VehicleTruthFile
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "shot": ShotFile,
@@ -22,4 +23,6 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "plate-session": PlateSessionFile,
     "gauge-frame": GaugeFrameFile,
     "plate-truth": PlateTruthFile,
+    "vehicle": VehicleFile,
+    "vehicle-truth": VehicleTruthFile,
 }

@@ -126,6 +126,11 @@ class LoadOptions(StrictModel):
         default=0.2, ge=0, le=0.9, description="About the share of the bulge left at the tread"
     )
 
+    @classmethod
+    def of(cls, load: TyreLoad) -> LoadOptions:
+        """Return what a file says of a load."""
+        return cls(**asdict(load))
+
     def load(self) -> TyreLoad:
         """Return the value that the renderer takes."""
         return TyreLoad(**self.model_dump())

@@ -34,3 +34,12 @@ from .turning import mean_truth as mean_truth
 from .tyre import MADE_SHAPES as MADE_SHAPES
 from .tyre import SHAPES as SHAPES
 from .tyre import Material as Material
+from .vehicle import ROAD_Z_MM as ROAD_Z_MM
+from .vehicle import Corner as Corner
+from .vehicle import SimulatedStand as SimulatedStand
+from .vehicle import Vehicle as Vehicle
+from .vehicle import VehicleDraw as VehicleDraw
+from .vehicle import VehicleSpec as VehicleSpec
+from .vehicle import build_stand as build_stand
+from .vehicle import draw_vehicle as draw_vehicle
+from .vehicle_truth import vehicle_truth as vehicle_truth

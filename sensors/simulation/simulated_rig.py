@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from alignment.calibration import content_digest
+from alignment.geometry import RigidTransform
 from alignment.values import Image, RigCalibration, Side
 from sensors.camera import CameraSettings
 from sensors.drivers.simulated import SimulatedCamera
@@ -34,6 +35,12 @@ def true_calibration(rig: str, side: Side, preset: str, seed: int) -> RigCalibra
     """Build the cameras of a simulated rig; its identity follows from its content, so it never lies."""
     built = build_rig(RIG_SPECS[preset], rig, side, np.random.default_rng([seed, 0]))
     return replace(built, id=f"simulated-{rig}-{content_digest(built)[:12]}")
+
+
+def standing(calibration: RigCalibration, vehicle_from_rig: RigidTransform) -> RigCalibration:
+    """Return the true calibration of a rig that stands there, with an identity of its own."""
+    placed = replace(calibration, vehicle_from_rig=vehicle_from_rig)
+    return replace(placed, id=f"simulated-{placed.rig}-{content_digest(placed, in_vehicle=True)[:12]}")
 
 
 @dataclass(frozen=True)

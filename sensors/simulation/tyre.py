@@ -126,6 +126,13 @@ class Tyre:
         """Largest radius of the height field; the tread turns away from the cameras there."""
         return HUB_RADIUS_MM + (len(self.surface.profile) - 3) * PROFILE_STEP_MM
 
+    @property
+    def outermost_mm(self) -> float:
+        """Height of the outermost ring of the sidewall, without letters and in the air."""
+        first = round((self.rim_edge_mm - HUB_RADIUS_MM) / PROFILE_STEP_MM)
+        knots = self.surface.profile
+        return float((knots[:-2] + 4.0 * knots[1:-1] + knots[2:])[first - 1 :].max() / 6.0)
+
     def height(self, xy: Array) -> tuple[Array, Array]:
         """Exact heights (N,) and gradients (N, 2) at points (N, 2) of the tyre frame, millimetres.
 

@@ -26,3 +26,4 @@ from .simulation import simulate_turning_wheel as simulate_turning_wheel
 from .simulation import simulate_wheel as simulate_wheel
 from .simulation import write_simulated_wheel as write_simulated_wheel
 from .simulation import write_turning_wheel as write_turning_wheel
+from .vehicle_simulation import write_simulated_vehicle as write_simulated_vehicle

@@ -19,6 +19,8 @@ from sensors.formats import (
     read_plate_session,
     read_shot,
     read_truth,
+    read_vehicle_facts,
+    read_vehicle_truth,
     write_image,
 )
 
@@ -60,6 +62,11 @@ def test_the_pose_of_the_example_looks_from_outboard_at_the_wheel(tmp_path):
 
 def test_the_truth_of_the_document_is_read(tmp_path):
     assert read_truth(example("truth", tmp_path)).camber_deg == -1.0
+
+
+def test_the_vehicle_of_the_document_and_its_truth_are_read(tmp_path):
+    assert read_vehicle_facts(example("vehicle", tmp_path)).rigs["rear_left"] == "rear_left"
+    assert read_vehicle_truth(example("vehicle-truth", tmp_path)).wheels["front_left"].toe_deg == 0.1
 
 
 def test_the_calibration_input_of_the_document_is_read(tmp_path):
