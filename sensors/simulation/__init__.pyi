@@ -42,4 +42,4 @@ from .vehicle import VehicleDraw as VehicleDraw
 from .vehicle import VehicleSpec as VehicleSpec
 from .vehicle import build_stand as build_stand
 from .vehicle import draw_vehicle as draw_vehicle
-from .vehicle_truth import vehicle_truth as vehicle_truth
+from .vehicle_truth import truth_of_vehicle as truth_of_vehicle

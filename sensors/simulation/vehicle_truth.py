@@ -24,7 +24,7 @@ class _Stood:
     contact: Array
 
 
-def vehicle_truth(
+def truth_of_vehicle(
     vehicle: Vehicle, stand: SimulatedStand, truths: Mapping[str, WheelTruth], turned: bool
 ) -> VehicleTruthFile:
     """Return the truth of a vehicle.

@@ -31,7 +31,7 @@ from sensors.simulation import (
     WheelScene,
     simulate_shot,
     truth_of,
-    vehicle_truth,
+    truth_of_vehicle,
 )
 from station.rehearsal.simulation import SimulationConfig, write_simulated_wheel, write_turning_wheel
 
@@ -89,7 +89,7 @@ def write_simulated_vehicle(
             shot = photographer.shot(scene, 1)
             write_simulated_wheel(folder / wheel, shot, truths[wheel], stand.rigs[wheel])
         wheel_done()
-    truth = vehicle_truth(vehicle, stand, truths, turns > 0)
+    truth = truth_of_vehicle(vehicle, stand, truths, turns > 0)
     write_vehicle(folder / VEHICLE_TRUTH_FILE, truth)
     write_vehicle(folder / VEHICLE_FILE, _stated(vehicle, tyre_width_sigma_mm))
     return truth

@@ -100,6 +100,7 @@ VERBS = {
     "log": "line monitor {bad_log}",
     "configuration of the monitor": "line monitor --config {bad}",
     "simulated wheel": "simulate wheel --camber 0 --toe 0 --seed 1 --config {bad} --out {out}",
+    "simulated vehicle": "simulate vehicle --seed 1 --config {bad} --out {out}",
     "simulated session": "simulate plate-session --seed 1 --config {bad} --out {out}",
     "plate": "simulate plate-session --seed 1 --plate {bad} --out {out}",
     "gauge frame": "simulate gauge-session --seed 1 --frame {bad} --out {out}",

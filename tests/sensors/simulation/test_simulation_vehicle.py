@@ -22,7 +22,7 @@ from sensors.simulation.vehicle import (
     draw_vehicle,
     side_of,
 )
-from sensors.simulation.vehicle_truth import vehicle_truth
+from sensors.simulation.vehicle_truth import truth_of_vehicle
 
 SPEC = VehicleSpec()
 SQUARE = VehicleDraw(angles=0.0, place_mm=0.0)
@@ -34,7 +34,7 @@ def stand() -> SimulatedStand:
 
 
 def truth(vehicle: Vehicle, stand: SimulatedStand) -> VehicleTruthFile:
-    return vehicle_truth(
+    return truth_of_vehicle(
         vehicle, stand, {wheel: truth_of(vehicle.scene(wheel, stand)) for wheel in CORNERS}, turned=False
     )
 
