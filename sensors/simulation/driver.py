@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from alignment.errors import ConfigurationError, DegenerateInputError
+from alignment.values import RigCalibration
 from sensors.drivers.driver import KnownCalibration, RigDriver, RigPlace
 from sensors.formats.truth import LoadOptions
 from sensors.formats.validation import StrictModel
 from sensors.rig import Rig
+
+if TYPE_CHECKING:
+    from sensors.simulation.scene import WheelScene
+    from sensors.simulation.simulated_rig import WheelSource
 
 
 class RollerOptions(StrictModel):
@@ -24,6 +30,29 @@ class RollerOptions(StrictModel):
     wander_deg: float = Field(
         default=0.05, ge=0, le=2, description="Most that camber and toe wander, degrees"
     )
+
+
+class VehicleOptions(StrictModel):
+    """Vehicles that come one after the other; every arming of a rig is the next one's wheel."""
+
+    yaw_deg: float = Field(default=0.0, ge=0, le=2, description="Most that a vehicle is turned, degrees")
+    offset_mm: float = Field(
+        default=0.0, ge=0, le=25, description="Most that a vehicle stands off along and across, millimetres"
+    )
+    load_mm: float = Field(default=0.0, ge=0, le=15, description="Bulge of the front tyres; 0: in the air")
+    runout_mm: float = Field(default=0.0, ge=0, le=5, description="Largest run-out of a tyre, peak to peak")
+    tyre_width_sigma_mm: float = Field(default=0.0, ge=0, le=5, description="Spread of the tyres' widths")
+
+
+_OF_SINGLE_WHEELS = {
+    "camber_deg",
+    "toe_deg",
+    "spread_deg",
+    "run_out_deg",
+    "second_harmonic_mm",
+    "rim_runout_mm",
+    "load",
+}
 
 
 class SimulatedOptions(StrictModel):
@@ -52,11 +81,24 @@ class SimulatedOptions(StrictModel):
     )
     load: LoadOptions | None = Field(default=None, description="What the road does to the tyres")
     rollers: RollerOptions | None = Field(default=None, description="What turns the wheels")
+    vehicle: VehicleOptions | None = Field(
+        default=None,
+        description="Wheels of whole vehicles, the same for all rigs of one seed; their angles are their own",
+    )
+
+    @model_validator(mode="after")
+    def _wheels_come_from_one_source(self) -> SimulatedOptions:
+        given = sorted(self.model_fields_set & _OF_SINGLE_WHEELS)
+        if self.vehicle is not None and given:
+            raise DegenerateInputError(
+                field=given[0], expected="none beside vehicle, which has its own", seen="both"
+            )
+        return self
 
 
 def _make(options: SimulatedOptions, place: RigPlace) -> Rig:
     from sensors.simulation.deformation import Wobble
-    from sensors.simulation.simulated_rig import Road, SimulatedRig, angles_about, true_calibration
+    from sensors.simulation.simulated_rig import Road, SimulatedRig, angles_about
     from sensors.simulation.turning import Rollers
 
     wobble = rollers = None
@@ -71,25 +113,58 @@ def _make(options: SimulatedOptions, place: RigPlace) -> Rig:
         )
     load = None if options.load is None else options.load.load()
     return SimulatedRig(
-        true_calibration(place.rig, place.side, options.rig, options.seed),
+        _true(options, place),
         options.rig,
         options.seed,
         angles_about(options.camber_deg, options.toe_deg, options.spread_deg, options.run_out_deg),
         place.settings,
         place.tolerance,
         Road(load, wobble, rollers),
+        _wheels(options, place),
     )
+
+
+def _true(options: SimulatedOptions, place: RigPlace) -> RigCalibration:
+    from sensors.simulation.simulated_rig import true_calibration
+    from sensors.simulation.vehicle import VehicleSpec, build_stand
+
+    if options.vehicle is None:
+        return true_calibration(place.rig, place.side, options.rig, options.seed)
+    rigs = build_stand(VehicleSpec(), options.seed, options.rig).rigs
+    if place.rig not in rigs:
+        raise ConfigurationError(
+            field=f"rigs.{place.rig}.simulated.vehicle",
+            expected=f"a rig of a vehicle with four wheels: {', '.join(rigs)}",
+            seen=place.rig,
+        )
+    return rigs[place.rig]
+
+
+def _wheels(options: SimulatedOptions, place: RigPlace) -> WheelSource | None:
+    from sensors.simulation.vehicle import VehicleDraw, VehicleSpec, build_stand, passing_vehicle
+
+    vehicle = options.vehicle
+    if vehicle is None:
+        return None
+    stand = build_stand(VehicleSpec(), options.seed, options.rig)
+    draw = VehicleDraw(
+        tyre_width_sigma_mm=vehicle.tyre_width_sigma_mm, load_mm=vehicle.load_mm, runout_mm=vehicle.runout_mm
+    )
+    yaw = math.radians(vehicle.yaw_deg)
+
+    def wheel(number: int) -> WheelScene:
+        return passing_vehicle(options.seed, number, draw, yaw, vehicle.offset_mm).scene(place.rig, stand)
+
+    return wheel
 
 
 def _calibration(options: SimulatedOptions, place: RigPlace) -> KnownCalibration:
     from sensors.simulation.simulated_rig import (
         TRUE_CALIBRATION_METHOD,
         TRUE_CALIBRATION_UTC,
-        true_calibration,
     )
 
-    true = true_calibration(place.rig, place.side, options.rig, options.seed)
-    return KnownCalibration(true, TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC)
+    return KnownCalibration(_true(options, place), TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC)
 
 
 DRIVER = RigDriver(SimulatedOptions, _make, calibration=_calibration, simulates=True)

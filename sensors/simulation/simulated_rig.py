@@ -27,6 +27,8 @@ from sensors.simulation.scene import WheelPose, WheelScene, draw_pose, draw_scen
 from sensors.simulation.turning import Rollers, TurningWheel, mean_truth
 
 PoseDrawer = Callable[[np.random.Generator], WheelPose]
+WheelSource = Callable[[int], WheelScene]
+"""Gives the wheel that stands there after the rig was armed so many times, from 1."""
 TRUE_CALIBRATION_UTC = datetime(2026, 1, 1, tzinfo=UTC)
 TRUE_CALIBRATION_METHOD = "simulated: the true cameras"
 
@@ -84,6 +86,8 @@ class SimulatedRig(Rig):
         What the frames of one shot may differ by.
     road
         What the wheels stand on.
+    wheels
+        Gives the wheels themselves, in place of `pose` and the load and wobble of `road`; None to draw them.
 
     Attributes
     ----------
@@ -100,6 +104,7 @@ class SimulatedRig(Rig):
         settings: CameraSettings,
         tolerance: FrameTolerance | None = None,
         road: Road | None = None,
+        wheels: WheelSource | None = None,
     ) -> None:
         # Rendering takes its time, but all cameras expose at one moment.
         self._exposed_s = 0.0
@@ -113,6 +118,7 @@ class SimulatedRig(Rig):
         self._preset = preset
         self._seed = seed
         self._road = road or Road()
+        self._source = wheels or self._drawn
         self._wheels = 0
         self._exposures = 0
         self._turning: TurningWheel | None = None
@@ -150,18 +156,25 @@ class SimulatedRig(Rig):
 
     def _wheel(self) -> WheelScene:
         if self._scene is None:
-            rng = np.random.default_rng([self._seed, 1, self._wheels])
-            pose = self.pose(rng)
-            drawn = draw_scene(RIG_SPECS[self._preset], self._calibration.side, pose, rng, seed=self._seed)
-            self._scene = replace(drawn, load=self._road.load, wobble=self._road.wobble)
+            self._scene = self._source(self._wheels)
             if self._road.rollers is not None:
                 wander = np.random.default_rng([self._seed, 2, self._wheels])
                 self._turning = TurningWheel(
                     self._scene, self._road.rollers, wander, self.settings.exposure_ms
                 )
             cameras = [(index, side) for index in range(len(self.heads)) for side in ("left", "right")]
-            self._noise = dict(zip(cameras, rng.spawn(len(cameras)), strict=True))
+            noise = self._rng(self._wheels).spawn(len(cameras))
+            self._noise = dict(zip(cameras, noise, strict=True))
         return self._scene
+
+    def _rng(self, number: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, 1, number])
+
+    def _drawn(self, number: int) -> WheelScene:
+        rng = self._rng(number)
+        pose = self.pose(rng)
+        drawn = draw_scene(RIG_SPECS[self._preset], self._calibration.side, pose, rng, seed=self._seed)
+        return replace(drawn, load=self._road.load, wobble=self._road.wobble)
 
     def _exposed_wheel(self) -> WheelScene:
         wheel = self._wheel()

@@ -286,6 +286,19 @@ def draw_vehicle(
     return Vehicle(spec, corners, tyre, yaw, place_mm, seed)
 
 
+def passing_vehicle(
+    seed: int, number: int, draw: VehicleDraw, most_yaw: float = 0.0, most_offset_mm: float = 0.0
+) -> Vehicle:
+    """Return one of the vehicles that come one after the other, from 1, each standing askew as it happens to.
+
+    Yaw, and both coordinates of its place, are even within ± their most (radians, millimetres).
+    """
+    rng = np.random.default_rng([seed, 10, number])
+    yaw = float(rng.uniform(-most_yaw, most_yaw))
+    x, y = (float(c) for c in rng.uniform(-most_offset_mm, most_offset_mm, 2))
+    return draw_vehicle(int(rng.integers(2**32)), None, draw, yaw, (x, y))
+
+
 def _middles(spec: VehicleSpec, draw: VehicleDraw, rng: np.random.Generator) -> Array:
     """Middles of four wheels (4, 3) whose axles' midpoints lie on X, as far before the origin as behind."""
     half = np.array([0.0, 0.5 * spec.tyre_width_mm, 0.0])

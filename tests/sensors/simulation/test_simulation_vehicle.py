@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from alignment.errors import ConfigurationError
 from alignment.vehicle.angles import camber_toe
+from sensors.camera import CameraSettings
+from sensors.drivers.driver import RigPlace
 from sensors.formats.vehicle import CORNERS, VehicleTruthFile
+from sensors.frames import FrameTolerance
+from sensors.simulation import simulated_rig
+from sensors.simulation.driver import DRIVER, SimulatedOptions
 from sensors.simulation.scene import truth_of
+from sensors.simulation.simulated_rig import SimulatedRig
 from sensors.simulation.vehicle import (
     ROAD_Z_MM,
     TIE_ROD,
@@ -20,6 +30,7 @@ from sensors.simulation.vehicle import (
     VehicleSpec,
     build_stand,
     draw_vehicle,
+    passing_vehicle,
     side_of,
 )
 from sensors.simulation.vehicle_truth import truth_of_vehicle
@@ -150,3 +161,44 @@ def test_run_out_leaves_the_spin_axes_and_turns_with_the_wheels(stand: Simulated
         tilt = math.hypot(two.camber_deg - two.spin_camber_deg, two.toe_deg - two.spin_toe_deg)
         assert tilt == pytest.approx(math.degrees(two.runout_mm / 600.0), rel=0.05)
         assert uneven.corners[wheel].wobble is not None
+
+
+def rig_of(name: str, **options: Any) -> SimulatedRig:
+    side = side_of(name)
+    place = RigPlace(name, side, (), Path(), CameraSettings(), FrameTolerance())
+    made = DRIVER.make(SimulatedOptions.model_validate({"seed": 4, "rig": "ccir", **options}), place)
+    assert isinstance(made, SimulatedRig)
+    return made
+
+
+def test_rigs_of_one_seed_see_the_wheels_of_one_vehicle_and_then_of_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    noise = np.random.default_rng(1)
+    monkeypatch.setattr(
+        simulated_rig, "camera_image", lambda *_: noise.integers(0, 9, (4, 4), dtype=np.uint8)
+    )
+    asked = {"yaw_deg": 0.5, "offset_mm": 20.0, "load_mm": 5.0}
+    rigs = {wheel: rig_of(wheel, vehicle=asked) for wheel in CORNERS}
+    stand = build_stand(SPEC, 4, "ccir")
+    yaws = []
+    for _ in range(2):
+        for rig in rigs.values():
+            rig.connect()
+            rig.arm()
+            rig.shoot(1.0)
+        vehicle = passing_vehicle(4, len(yaws) + 1, VehicleDraw(load_mm=5.0), math.radians(0.5), 20.0)
+        found = truth_of_vehicle(vehicle, stand, {wheel: rig.truth for wheel, rig in rigs.items()}, False)
+        assert math.radians(found.yaw_deg) == pytest.approx(vehicle.yaw, abs=1e-9)
+        assert found.place_mm == pytest.approx(vehicle.place_mm, abs=1e-6)
+        assert all(wheel.load is not None for wheel in found.wheels.values())
+        yaws.append(found.yaw_deg)
+    assert yaws[0] != yaws[1]
+    assert np.abs(yaws).max() <= 0.5
+
+
+def test_a_rig_whose_name_is_no_corner_of_a_vehicle_is_refused_and_two_sources_of_wheels_are() -> None:
+    with pytest.raises(ConfigurationError, match="four wheels"):
+        rig_of("bench_left", vehicle={})
+    with pytest.raises(ValidationError, match="vehicle"):
+        SimulatedOptions.model_validate({"seed": 1, "camber_deg": -0.5, "vehicle": {}})

@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from sensors.formats.truth import LoadOptions
-from sensors.simulation.driver import RollerOptions, SimulatedOptions
+from sensors.simulation.driver import RollerOptions, SimulatedOptions, VehicleOptions
 from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
@@ -39,6 +39,7 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     StandOptions: {},
     SimulatedOptions: {"seed": 1},
     RollerOptions: {},
+    VehicleOptions: {},
     LoadOptions: {},
     OpticsOptions: {},
     PatternOptions: {"column_pitch_mm": 200.0, "row_pitch_mm": 200.0, "width_mm": 0.001, "edge_mm": 0.001},
@@ -113,6 +114,11 @@ BOUNDS = (
     Bounds(SimulatedOptions, "run_out_deg", 0.0, 0.0, -JUST, 2.0, 2.001),
     Bounds(SimulatedOptions, "second_harmonic_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
     Bounds(SimulatedOptions, "rim_runout_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
+    Bounds(VehicleOptions, "yaw_deg", 0.0, 0.0, -JUST, 2.0, 2.001),
+    Bounds(VehicleOptions, "offset_mm", 0.0, 0.0, -JUST, 25.0, 25.001),
+    Bounds(VehicleOptions, "load_mm", 0.0, 0.0, -JUST, 15.0, 15.001),
+    Bounds(VehicleOptions, "runout_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
+    Bounds(VehicleOptions, "tyre_width_sigma_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
     Bounds(RollerOptions, "speed_deg_s", 170.0, -720.0, -720.01, 720.0, 720.01),
     Bounds(RollerOptions, "interval_s", 0.14, NOUGHT, 0.0, 10.0, 10.001),
     Bounds(RollerOptions, "wander_mm", 1.0, 0.0, -JUST, 20.0, 20.001),
