@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from alignment.errors import DegenerateInputError
 from alignment.geometry import CameraModel, PosedCamera, RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, Side, nominal_vehicle_from_rig
 from sensors.simulation.projector import LinePattern, Projector
@@ -42,7 +43,7 @@ CCIR_CAMERA = CameraModel(752, 582, 15.2 * 116.589, 15.2 * 120.248, 375.5, 290.5
 
 @dataclass(frozen=True)
 class RigSpec:
-    """Nominal geometry of a rig: heads evenly around the wheel, the first on top.
+    """Nominal geometry of a rig: heads around the wheel.
 
     A head's cameras look straight at the wheel; seen from the wheel's centre their image's y axis points
     outward, and the left camera is where x is smaller.
@@ -63,6 +64,9 @@ class RigSpec:
         See `Projector.level`.
     tolerances
         How far rigs as built deviate.
+    angles
+        Polar angles of the heads about z of the rig, radians; the top is a quarter turn. Empty: they stand
+        evenly, the first on top.
     """
 
     camera: CameraModel = MEGAPIXEL_CAMERA
@@ -75,10 +79,17 @@ class RigSpec:
     central_distance_mm: float = 700.0
     projector_level: float = 8.0
     tolerances: Tolerances = field(default_factory=Tolerances)
+    angles: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.angles and len(self.angles) != self.heads:
+            raise DegenerateInputError(
+                field="angles", expected=f"one for each of {self.heads} heads", seen=str(len(self.angles))
+            )
 
     def rig_from_head(self, index: int) -> RigidTransform:
         """Nominal pose of a head, with the axes of its cameras; origin midway between them."""
-        angle = math.pi / 2 + index * 2 * math.pi / self.heads
+        angle = self.angles[index] if self.angles else math.pi / 2 + index * 2 * math.pi / self.heads
         outward = np.array([math.cos(angle), math.sin(angle), 0.0])
         inboard = np.array([0.0, 0.0, -1.0])
         rotation = np.column_stack([np.cross(outward, inboard), outward, inboard])
@@ -94,9 +105,15 @@ RIG_SPECS = {
     "standard": RigSpec(),
     "dense": RigSpec(pattern=DENSE_PATTERN),
     "central": RigSpec(projectors="central", pattern=CENTRAL_PATTERN),
+    "upper": RigSpec(angles=(math.pi / 6, math.pi / 2, 5 * math.pi / 6)),
+    "turned": RigSpec(angles=(math.pi / 3, math.pi, 5 * math.pi / 3)),
     "ccir": RigSpec(camera=CCIR_CAMERA, tolerances=replace(Tolerances(), centre_px=5.0)),
 }
-"""Rigs by name; ``ccir`` has the 752 × 582 cameras of the thesis with a 15.2 mm lens."""
+"""Rigs by name; ``ccir`` has the 752 × 582 cameras of the thesis with a 15.2 mm lens.
+
+Heads stand at 90°, 210° and 330°; further from the road at 30°, 90° and 150° (``upper``), or at 60°, 180° and
+300° (``turned``).
+"""
 
 
 def _build_camera(nominal: PosedCamera, tolerances: Tolerances, rng: np.random.Generator) -> PosedCamera:

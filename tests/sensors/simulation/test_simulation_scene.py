@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from alignment.errors import DegenerateInputError
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import Side
 from alignment.vehicle.angles import camber_toe
@@ -75,8 +76,9 @@ def test_heads_stand_around_the_wheel_and_see_the_sidewall(name: str) -> None:
     rig = build_rig(spec, "rear_left", "left", np.random.default_rng(2))
     assert [head.name for head in rig.heads] == ["head_1", "head_2", "head_3"]
     assert (rig.rig, rig.side) == ("rear_left", "left")
-    for index, head in enumerate(rig.heads):
-        angle = math.pi / 2 + index * 2 * math.pi / 3
+    stand = {"upper": (30.0, 90.0, 150.0), "turned": (60.0, 180.0, 300.0)}.get(name, (90.0, 210.0, 330.0))
+    for degrees, head in zip(stand, rig.heads, strict=True):
+        angle = math.radians(degrees)
         outward = np.array([math.cos(angle), math.sin(angle), 0.0])
         middle = (head.left.rig_from_camera.translation + head.right.rig_from_camera.translation) / 2
         np.testing.assert_allclose(middle, 266.0 * outward + [0, 0, 400.0], atol=4.0)
@@ -89,6 +91,11 @@ def test_heads_stand_around_the_wheel_and_see_the_sidewall(name: str) -> None:
             assert 0.2 < v / camera.model.height < 0.8
         left, right = (camera.project(262.0 * outward[None])[0, 0] for camera in head.cameras)
         assert left > right  # what is in front lies further right in the left image
+
+
+def test_every_head_has_an_angle_or_none_has() -> None:
+    with pytest.raises(DegenerateInputError, match="3 heads"):
+        RigSpec(angles=(0.5, 1.5))
 
 
 def test_rigs_differ_by_their_tolerances_and_repeat_by_their_seed() -> None:
