@@ -25,7 +25,8 @@ class Rollers:
     Attributes
     ----------
     speed
-        Of the wheel, radians per second, counter-clockwise seen from outboard.
+        Of the wheel, radians per second, positive as the vehicle drives forward: seen from outboard wheels of
+        the left side turn counter-clockwise, those of the right side clockwise.
     interval_s
         Mean time between two exposures.
     jitter
@@ -64,6 +65,7 @@ class TurningWheel:
         self, scene: WheelScene, rollers: Rollers, rng: np.random.Generator, exposure_ms: float = 5.0
     ) -> None:
         self._scene, self._rollers, self._exposure_ms = scene, rollers, exposure_ms
+        self._speed = rollers.speed if scene.side == "left" else -rollers.speed
         self._periods: Array = rng.uniform(rollers.fastest_s, rollers.slowest_s, 5)
         self._phases: Array = rng.uniform(0.0, 2.0 * math.pi, 5)
         self._jitter = rng.spawn(1)[0]
@@ -81,10 +83,10 @@ class TurningWheel:
             pose,
             camber=pose.camber + rollers.wander * float(swing[3]),
             toe=pose.toe + rollers.wander * float(swing[4]),
-            spin=pose.spin + rollers.speed * time_s,
+            spin=pose.spin + self._speed * time_s,
             offset_mm=(x, y, z),
         )
-        return replace(self._scene, pose=moved, turning=1e-3 * self._exposure_ms * rollers.speed)
+        return replace(self._scene, pose=moved, turning=1e-3 * self._exposure_ms * self._speed)
 
 
 def mean_truth(truths: Sequence[WheelTruth]) -> WheelTruth:

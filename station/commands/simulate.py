@@ -79,7 +79,8 @@ def simulate_wheel_command(
         int, typer.Option(help="Exposures of a wheel that rollers turn; 0: one that stands.", min=0, max=99)
     ] = 0,
     speed_deg_s: Annotated[
-        float, typer.Option(help="With --turns: of the wheel, degrees per second.", min=-720, max=720)
+        float,
+        typer.Option(help="With --turns: of the wheel, degrees per second, forward.", min=-720, max=720),
     ] = 170.0,
     interval_s: Annotated[
         float, typer.Option(help="With --turns: mean time between exposures.", min=0.01, max=10)

@@ -60,7 +60,7 @@ def write_simulated_vehicle(
     turns
         Exposures of wheels that rollers turn; 0 for wheels that stand.
     rollers
-        What turns them; wheels of the right side turn the other way round, as a vehicle's do.
+        What turns them.
     tyre_width_sigma_mm
         Stated in ``vehicle.json``.
     wheel_done
@@ -117,9 +117,7 @@ class _Photographer:
     def turning(
         self, scene: WheelScene, rollers: Rollers, turns: int
     ) -> Iterator[tuple[WheelShot, WheelTruth]]:
-        # Seen from outboard the left wheels of a vehicle that drives forward turn counter-clockwise.
-        seen_from_outboard = rollers if scene.side == "left" else replace(rollers, speed=-rollers.speed)
-        wheel = TurningWheel(scene, seen_from_outboard, self._rng, self._settings.exposure_ms)
+        wheel = TurningWheel(scene, rollers, self._rng, self._settings.exposure_ms)
         for number in range(1, turns + 1):
             seen = wheel.exposure(number)
             yield self.shot(seen, number), truth_of(seen)
