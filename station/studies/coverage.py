@@ -40,7 +40,8 @@ LOWEST, HIGHEST = 0.92, 0.98
 
 
 def drawn(calibration: RigCalibration, covariance: Array, rng: np.random.Generator) -> RigCalibration:
-    """Cameras that deviate from a calibration's by a draw from a covariance, which they carry along."""
+    """Cameras, and a measured pose, that deviate from a calibration's by a draw from a covariance, which they
+    carry along."""
     values, vectors = np.linalg.eigh(covariance)
     move = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
     heads, at = [], 0
@@ -51,7 +52,10 @@ def drawn(calibration: RigCalibration, covariance: Array, rng: np.random.Generat
             cameras.append(_moved(camera, move[at : at + size]))
             at += size
         heads.append(HeadCalibration(head.name, *cameras))
-    return replace(calibration, heads=tuple(heads), covariance=covariance)
+    pose = calibration.vehicle_from_rig
+    if calibration.vehicle_from_rig_measured:
+        pose = pose.perturbed(move[at : at + 3], move[at + 3 :])
+    return replace(calibration, heads=tuple(heads), vehicle_from_rig=pose, covariance=covariance)
 
 
 def _moved(camera: PosedCamera, by: Array) -> PosedCamera:

@@ -25,6 +25,7 @@ STUDIES = {
     "refresh": "station.studies.refresh",
     "refresh-rates": "station.studies.refresh_rates",
     "repeatability": "station.studies.repeatability",
+    "vehicles": "station.studies.vehicles",
     "wheel-grid": "station.studies.wheel_grid",
 }
 """Name and module; the module has the study under the name `STUDY`."""
