@@ -1,7 +1,9 @@
 """The place of a wheel: where its axis meets the plane of the outermost ring of the sidewall.
 
-The ring is where the fitted profile is highest along the axis. It is part of the tyre, not of what the heads
-happen to see of it, so two exposures of a wheel have it at one place.
+The ring is where the fitted profile is highest along the axis, elevations by letters, bands and ribs left
+out: between those of both sidewalls lies the section width (as UN Regulation 30 defines it). It is part of
+the tyre, not of what the heads happen to see of it, so two exposures of a wheel have it at one place. A rib
+that is hardly wider than a light line would not do: how high it appears depends on the line.
 """
 
 from __future__ import annotations
@@ -10,8 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from alignment.arrays import Array, Index
+from alignment.robust import deviation_of
 from alignment.values import RigCalibration, WheelMeasurement, WheelReference
 from alignment.vehicle.angles import camber_toe_jacobian
 from alignment.wheel.revolution import RevolutionFit
@@ -21,7 +25,15 @@ from alignment.wheel.spin import SpinMeasurement
 _MOST_POINTS = 4000  # tell where the profile is known, and how well
 _SUPPORT = 0.2  # of the weight that intervals have at the median, below which the profile is a guess
 _FEWEST_PLACES = 4  # of a turning wheel
-_EDGE = 1  # intervals at either end of what is known; a height that still rises there is no ring
+_PER_STEP = 4  # heights that are looked at from knot to knot
+_BROAD_MM = 15.0  # ribs and grooves that are narrower than half of that do not say where the crest is
+_CREST_MM = 25.0  # to both sides of the highest place, where the form of the sidewall is a polynomial
+_DEGREE = 4
+_FLOOR_MM = 0.02  # least scale of what leaves that form
+_LEAST, _TUKEY = 15, 6  # rounds by least absolute values, and by Tukey's biweight after them
+_CUT = 3.0
+_PLACES, _EDGE_SHARE = 2001, 0.05  # that are tried for the crest; nearer to an end of them it is none
+_FORM = 0.25  # of the scale that ribs leave: how far they may shift the crest, one standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +48,8 @@ class OutermostRing:
         Its height above `RevolutionFit.centre` along the axis.
     covariance
         (5, 5) by the noise of the points: of the two tilts and two shifts of the axis along
-        `RevolutionFit.tilt_axes` (radians, millimetres) and of the height (millimetres).
+        `RevolutionFit.tilt_axes` (radians, millimetres) and of the height (millimetres); the height's holds
+        what ribs and grooves may have shifted it, too.
     """
 
     radius_mm: float
@@ -65,16 +78,20 @@ def outermost_ring(fit: RevolutionFit, points: Array) -> OutermostRing | None:
         None where the profile still rises at the end of what was seen: the ring lies beyond, or is hidden.
     """
     seen = _Seen.of(fit, points)
-    weight = np.bincount(seen.interval, seen.weight, len(fit.profile) - 3)
-    known = weight > _SUPPORT * np.median(weight[weight > 0.0])
-    highest, where = _highest(_pieces(fit.profile))
-    highest = np.where(known, highest, -np.inf)
-    best = int(highest.argmax())
-    ends = np.flatnonzero(known)[[0, -1]]
-    if best - ends[0] < _EDGE or ends[1] - best < _EDGE:
+    pieces = _pieces(fit.profile)
+    weight = np.bincount(seen.interval, seen.weight, len(pieces))
+    known = np.repeat(weight > _SUPPORT * np.median(weight[weight > 0.0]), _PER_STEP)
+    place = (np.arange(len(known)) + 0.5) / _PER_STEP
+    t = (place - np.floor(place))[:, None] ** np.arange(4)
+    height = np.einsum("nm,nm->n", np.repeat(pieces, _PER_STEP, axis=0), t)
+    crest = _crest(fit.knots_step * place[known], height[known])
+    if crest is None:
         return None
-    radius = fit.knots_start + fit.knots_step * (best + float(where[best]))
-    return OutermostRing(radius, float(highest[best]), _covariance(fit, seen, best))
+    at, top, form_u = crest
+    ring = min(int(at / fit.knots_step), len(pieces) - 1)
+    covariance = _covariance(fit, seen, ring)
+    covariance[4, 4] += form_u**2
+    return OutermostRing(fit.knots_start + at, top, covariance)
 
 
 def wheel_reference(
@@ -175,19 +192,34 @@ def _pieces(profile: Array) -> Array:
     return out
 
 
-def _highest(pieces: Array) -> tuple[Array, Array]:
-    """Largest value (K − 3,) of each cubic from knot to knot, and the t (K − 3,) where it is."""
-    c1, c2, c3 = pieces[:, 1], pieces[:, 2], pieces[:, 3]
-    # Where the slope is nothing and falls; of a parabola or a line the formula's limit.
-    root = np.sqrt(np.maximum(c2 * c2 - 3.0 * c1 * c3, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        top = c1 / (root - c2)
-    top = np.where(np.isfinite(top), np.clip(top, 0.0, 1.0), 0.0)
-    places = np.stack([np.zeros(len(pieces)), top, np.ones(len(pieces))])
-    values = pieces[:, 0] + places * (c1 + places * (c2 + places * c3))
-    best = values.argmax(axis=0)
-    each = np.arange(len(pieces))
-    return values[best, each], places[best, each]
+def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
+    """Place and height of a profile's crest but for ribs and grooves, and how far these may have shifted it.
+
+    Of heights (n,) at places (n,), millimetres; None where the profile rises to its ends.
+    """
+    step = float(np.median(np.diff(place)))
+    broad = median_filter(height, size=2 * round(0.5 * _BROAD_MM / step) + 1, mode="nearest")
+    top = float(place[int(broad.argmax())])
+    near = np.abs(place - top) < _CREST_MM
+    x, z = (place[near] - top) / _CREST_MM, height[near]
+    rows = np.vander(x, _DEGREE + 1)
+    weight = np.ones(len(x))
+    scale = _FLOOR_MM
+    left = z
+    for round_ in range(_LEAST + _TUKEY):
+        root = np.sqrt(weight)
+        form = np.linalg.lstsq(rows * root[:, None], z * root, rcond=None)[0]
+        left = z - rows @ form
+        scale = max(deviation_of(left), _FLOOR_MM)
+        weight = 1.0 / np.maximum(np.abs(left), _FLOOR_MM)
+        if round_ >= _LEAST - 1:
+            weight = np.maximum(1.0 - np.square(left / (_CUT * scale)), 0.0) ** 2
+    fine = np.linspace(max(x[0], -1.0), min(x[-1], 1.0), _PLACES)
+    heights = np.vander(fine, _DEGREE + 1) @ form
+    best = int(heights.argmax())
+    if not _EDGE_SHARE * _PLACES < best < (1.0 - _EDGE_SHARE) * _PLACES:
+        return None
+    return top + _CREST_MM * float(fine[best]), float(heights[best]), _FORM * scale
 
 
 def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
@@ -213,5 +245,7 @@ def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
     out[4, 4] = mean[ring] @ inverse @ mean[ring]
     # The fit's covariance of the tilts stands as it is; what it says more than the points' is in all.
     out *= scale
-    out[4, 4] += scale / weight[ring]
+    # The middle of a polynomial of the fourth degree has 3.5 times the variance of the mean.
+    half = max(1, round(_CREST_MM / fit.knots_step))
+    out[4, 4] += 3.5 * scale / weight[max(ring - half, 0) : ring + half + 1].sum()
     return out

@@ -88,12 +88,12 @@ def test_stated_covariance_is_the_scatter() -> None:
         tilt = fit.tilt_axes @ (fit.normal - pose.rotation[:, 2])
         errors.append([*tilt, *(np.vstack([fit.tilt_axes, fit.normal]) @ away)])
         stated.append(np.sqrt(np.diag(ring.covariance)))
-    # Sixty know a standard deviation to 9 %; the highest of a noisy profile lies a little high.
+    # Sixty know a standard deviation to 9 %. The height's covers what ribs may do, of which there are few here.
     ratio = np.sqrt(np.square(errors).mean(axis=0)) / np.mean(stated, axis=0)
-    assert (ratio > 0.75).all(), ratio
+    assert (ratio[:4] > 0.75).all(), ratio
     assert (ratio < 1.4).all(), ratio
     # What the studies lean on: the place across the axis is known to a few micrometres.
-    assert np.mean(stated, axis=0)[2:4].max() < 0.02
+    assert np.mean(stated, axis=0)[2:].max() < 0.02
 
 
 @pytest.mark.parametrize("radii", [(266.0, 315.0), (205.0, 258.0)])
@@ -101,6 +101,19 @@ def test_ring_that_no_head_sees_is_not_made_up(radii: tuple[float, float]) -> No
     """The spline's end is no ring: a wheel whose widest place is hidden has no known place."""
     points, cluster, _ = points_of(np.random.default_rng(3), radii=radii)
     assert outermost_ring(fitted(points, cluster), points) is None
+
+
+@pytest.mark.parametrize(
+    ("at", "high", "wide"), [(251.5, 0.6, 1.5), (262.0, 0.4, 2.0), (264.0, -0.7, 3.0), (258.0, 0.5, 1.0)]
+)
+def test_rib_or_groove_near_the_crest_does_not_move_the_ring(at: float, high: float, wide: float) -> None:
+    """A rib of 1.5 mm that light lines blur was the ring of one wheel, and the crest that of another."""
+    points, cluster, pose = points_of(np.random.default_rng(6))
+    local = pose.inverse().apply(points)
+    radius = np.hypot(local[:, 0], local[:, 1])
+    points += (high * (np.abs(radius - at) < 0.5 * wide))[:, None] * pose.rotation[:, 2]
+    fit = fitted(points, cluster)
+    assert reference_of(points, fit) == pytest.approx(pose.apply(np.array([0.0, 0.0, HIGH_MM])), abs=0.02)
 
 
 def test_letters_do_not_count_as_the_ring() -> None:
