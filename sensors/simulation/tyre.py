@@ -128,9 +128,9 @@ class Tyre:
 
     @property
     def outermost_mm(self) -> float:
-        """Height of the outermost ring of the sidewall, without letters and in the air."""
+        """Height of the outermost ring of the sidewall in the air, without letters, bands and ribs."""
         first = round((self.rim_edge_mm - HUB_RADIUS_MM) / PROFILE_STEP_MM)
-        knots = self.surface.profile
+        knots = self.smooth_profile
         return float((knots[:-2] + 4.0 * knots[1:-1] + knots[2:])[first - 1 :].max() / 6.0)
 
     def height(self, xy: Array) -> tuple[Array, Array]:
