@@ -33,7 +33,7 @@ _FLOOR_MM = 0.02  # least scale of what leaves that form
 _LEAST, _TUKEY = 15, 6  # rounds by least absolute values, and by Tukey's biweight after them
 _CUT = 3.0
 _PLACES, _EDGE_SHARE = 2001, 0.05  # that are tried for the crest; nearer to an end of them it is none
-_FORM = 0.25  # of the scale that ribs leave: how far they may shift the crest, one standard deviation
+_FORM = 0.5  # of the scale that ribs leave: how far they may shift the crest, one standard deviation
 
 
 @dataclass(frozen=True, eq=False)
