@@ -10,7 +10,14 @@ import numpy as np
 
 from alignment.measure import measure_wheel
 from alignment.prepared import PreparedRig
-from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration, StereoImages
+from alignment.values import (
+    MeasureSettings,
+    Refusal,
+    RefusalCode,
+    RigCalibration,
+    StereoImages,
+    WheelMeasurement,
+)
 from alignment.wheel.spin import SpinMeasurement, fit_spin_axis
 
 
@@ -18,7 +25,7 @@ def measure_spin(
     shots: Iterable[Sequence[StereoImages]],
     calibration: RigCalibration | PreparedRig,
     settings: MeasureSettings,
-    shot_done: Callable[[], None] = lambda: None,
+    shot_done: Callable[[WheelMeasurement], None] = lambda _: None,
 ) -> SpinMeasurement | Refusal:
     """Measure the spin axis of a wheel that was turned between the shots, free of run-out.
 
@@ -30,7 +37,7 @@ def measure_spin(
     calibration, settings
         As `measure_wheel` takes them; a plain calibration is prepared once for all shots.
     shot_done
-        Called after each shot.
+        Given the tyre plane of each shot.
 
     Returns
     -------
@@ -52,7 +59,7 @@ def measure_spin(
         if isinstance(found, Refusal):
             return replace(found, reason=f"shot {number}: {found.reason}")
         measurements.append(found)
-        shot_done()
+        shot_done(found)
     return fit_spin_axis(measurements, rig.calibration.side, rig.angle_covariance)
 
 

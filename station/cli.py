@@ -33,6 +33,7 @@ from station.commands.demo import demo
 from station.commands.export import export
 from station.commands.gauge import gauge_app
 from station.commands.line import line_app
+from station.commands.measure_vehicle import measure_vehicle_command
 from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
 from station.commands.report import report
@@ -60,6 +61,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(init)
 app.command()(wheel.measure)
+app.command("measure-vehicle")(measure_vehicle_command)
 app.command()(calibrate)
 simulate_app.command("vehicle")(simulate_vehicle_command)
 simulate_app.command("plate-session")(simulate_plate_session_command)
