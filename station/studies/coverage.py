@@ -40,8 +40,10 @@ LOWEST, HIGHEST = 0.92, 0.98
 
 
 def drawn(calibration: RigCalibration, covariance: Array, rng: np.random.Generator) -> RigCalibration:
-    """Cameras, and a measured pose, that deviate from a calibration's by a draw from a covariance, which they
-    carry along."""
+    """Cameras, and a measured pose, that deviate from a calibration's by a draw from a covariance.
+
+    They carry the covariance along.
+    """
     values, vectors = np.linalg.eigh(covariance)
     move = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
     heads, at = [], 0

@@ -70,7 +70,8 @@ class _Found:
 
     def of(self, names: Sequence[str]) -> Array:
         """Absolute errors of these quantities together."""
-        return np.abs(np.concatenate([self.errors.get(name, []) for name in names]))
+        out: Array = np.abs(np.concatenate([np.array(self.errors.get(name, [])) for name in names]))
+        return out
 
     def covered(self, names: Sequence[str]) -> float:
         """Share of these that their 95 % intervals hold; none when there are none."""
@@ -104,11 +105,11 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     for number in range(imaged):
         progress(0.2 + 0.8 * number / imaged, f"images of vehicle {number + 1} of {imaged}")
         vehicle = draw_vehicle_on_stand(rng)
-        axes = _measured_from_images(vehicle, rigs, rng)
-        if axes is None:
+        wheels = _measured_from_images(vehicle, rigs, rng)
+        if wheels is None:
             refused += 1
             continue
-        geometry = vehicle_geometry(axes, STAND, tyres())
+        geometry = vehicle_geometry(wheels, STAND, tyres())
         seen.add(geometry, vehicle.truth)
         rows.append(_row(number + 1, "images", 0.0, vehicle, geometry))
     figures = _figures(even, odd, seen) | {
@@ -179,21 +180,17 @@ def _scene(vehicle: DrawnVehicle, name: str, rig: RigCalibration, rng: np.random
 def _change_by_yaw(vehicle: DrawnVehicle) -> float:
     """Largest change of a total toe when the vehicle is set straight, radians."""
     straight = replace(vehicle, yaw=0.0, place=np.zeros(2))
-    totals = [
-        [
-            vehicle_geometry(_exact(each), STAND, tyres()).value(f"{axle}.total_toe")
-            for axle in ("front", "rear")
-        ]
-        for each in (vehicle, straight)
-    ]
-    return float(np.abs(np.subtract(*totals)).max())
+    here, there = (vehicle_geometry(_exact(each), STAND, tyres()) for each in (vehicle, straight))
+    totals = [f"{axle}.total_toe" for axle in ("front", "rear")]
+    return max(abs(here.value(name) - there.value(name)) for name in totals)
 
 
 def _error_of_stands_own_way(vehicle: DrawnVehicle) -> float:
     """Largest error of a toe or of the thrust angle that the stand's axis makes, radians."""
-    wheels = [WheelAngles(*vehicle.on_stand(name)[:2]) for name in FOUR_WHEELS]
-    by_stand = vehicle_angles(*wheels)
-    toes = [wheel.toe - vehicle.angles[name][1] for name, wheel in zip(FOUR_WHEELS, wheels, strict=True)]
+    wheels = {name: WheelAngles(*vehicle.on_stand(name)[:2]) for name in FOUR_WHEELS}
+    front_left, front_right, rear_left, rear_right = wheels.values()
+    by_stand = vehicle_angles(front_left, front_right, rear_left, rear_right)
+    toes = [wheel.toe - vehicle.angles[name][1] for name, wheel in wheels.items()]
     return float(np.abs([*toes, by_stand.thrust_angle - vehicle.truth["thrust_angle"]]).max())
 
 
@@ -270,16 +267,17 @@ def _goals(quick: bool) -> tuple[Goal, ...]:
 def _text(figures: Mapping[str, float]) -> str:
     f = figures
     return f"""
-{f["vehicles"]:.0f} vehicles with yaw within ±0.5° and place within ±20 mm. What the rigs see is drawn from the
-covariance that images of a wheel gave: image noise, cameras calibrated with a plate, poses placed with a gauge
-frame whose certificate states 0.01 mm and 0.02′; and the stand's temperature is known to ±1 K and ±0.2 K/m (95 %).
-With equal tyres toe errs by {f["toe_error_p95_arcmin"]:.3f}′ (95 %; largest
-{f["toe_error_largest_arcmin"]:.3f}′), the thrust angle by {f["thrust_error_p95_arcmin"]:.3f}′, track by at most
-{f["track_error_largest_mm"]:.3f} mm, wheelbase by {f["wheelbase_error_largest_mm"]:.3f} mm. With tyre widths of
-±1 mm the intervals of toe grow from ±{f["toe_u95_arcmin"]:.2f}′ to ±{f["widths_toe_u95_arcmin"]:.2f}′ and hold the
-truth in {100 * f["widths_toe_covered"]:.1f} %. Against the stand's axis the same toes err by up to
-{f["stands_own_way_toe_error_arcmin"]:.0f}′. {f["vehicles_from_images"]:.0f} vehicles were measured from rendered
-images, cameras and poses drawn from their covariance, tyres all {WIDTH_MM:g} mm wide.
+{f["vehicles"]:.0f} vehicles with yaw within ±0.5° and place within ±20 mm. What the rigs see is drawn
+from the covariance that images of a wheel gave: image noise, cameras calibrated with a plate, poses placed
+with a gauge frame whose certificate states 0.01 mm and 0.02′; the stand's temperature is known to ±1 K and
+±0.2 K/m (95 %). With equal tyres toe errs by {f["toe_error_p95_arcmin"]:.3f}′ (95 %; largest
+{f["toe_error_largest_arcmin"]:.3f}′), the thrust angle by {f["thrust_error_p95_arcmin"]:.3f}′, track by
+at most {f["track_error_largest_mm"]:.3f} mm, wheelbase by {f["wheelbase_error_largest_mm"]:.3f} mm. With
+tyre widths of ±1 mm the intervals of toe grow from ±{f["toe_u95_arcmin"]:.2f}′ to
+±{f["widths_toe_u95_arcmin"]:.2f}′ and hold the truth in {100 * f["widths_toe_covered"]:.1f} %. Against the
+stand's axis the same toes err by up to {f["stands_own_way_toe_error_arcmin"]:.0f}′.
+{f["vehicles_from_images"]:.0f} vehicles were measured from rendered images, cameras and poses drawn from
+their covariance, tyres all {WIDTH_MM:g} mm wide.
 """
 
 

@@ -88,7 +88,7 @@ def test_stated_covariance_is_the_scatter() -> None:
         tilt = fit.tilt_axes @ (fit.normal - pose.rotation[:, 2])
         errors.append([*tilt, *(np.vstack([fit.tilt_axes, fit.normal]) @ away)])
         stated.append(np.sqrt(np.diag(ring.covariance)))
-    # Sixty know a standard deviation to 9 %. The height's covers what ribs may do, of which there are few here.
+    # Sixty know a standard deviation to 9 %. The height's covers what many ribs may do.
     ratio = np.sqrt(np.square(errors).mean(axis=0)) / np.mean(stated, axis=0)
     assert (ratio[:4] > 0.75).all(), ratio
     assert (ratio < 1.4).all(), ratio
