@@ -295,6 +295,7 @@ def _evaluate(
         unseen=_unseen(judgement),
         load_mm=None if loaded is None else loaded.lift_mm,
         reference=reference,
+        load_covariance=None if loaded is None else turn @ loaded.covariance @ turn.T,
     )
 
 

@@ -177,6 +177,10 @@ class RefusalCode(enum.StrEnum):
     TOO_FEW_SHOTS = "too_few_shots"
     TURN_TOO_SHORT = "turn_too_short"
     INCONSISTENT_SHOTS = "inconsistent_shots"
+    EXPOSURE_MISSING = "exposure_missing"
+    EXPOSURE_DOUBLED = "exposure_doubled"
+    ANOTHER_WHEEL = "another_wheel"
+    NOT_SLOW = "not_slow"
 
 
 @dataclass(frozen=True)
@@ -299,6 +303,9 @@ class WheelMeasurement:
     reference
         The wheel's place; None where the outermost ring of its sidewall was not seen, or the method does not
         fit the profile of the sidewall.
+    load_covariance
+        (2, 2) what of `angle_covariance` is not known of the load, radians²: it is the same while the wheel
+        turns. None where the wheel shows no load.
     """
 
     camber: float
@@ -318,6 +325,7 @@ class WheelMeasurement:
     unseen: tuple[float, float] | None = None
     load_mm: float | None = None
     reference: WheelReference | None = None
+    load_covariance: Array | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

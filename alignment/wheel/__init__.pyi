@@ -1,7 +1,12 @@
+from .live import LiveSpin as LiveSpin
 from .reference import spin_reference as spin_reference
 from .revolution import RevolutionFit as RevolutionFit
 from .revolution import fit_revolution as fit_revolution
 from .revolution import least_covariance as least_covariance
+from .series import FEWEST_EXPOSURES as FEWEST_EXPOSURES
+from .series import MOST_EXPOSURES as MOST_EXPOSURES
+from .series import SeriesRules as SeriesRules
 from .spin import SpinMeasurement as SpinMeasurement
+from .spin import run_out_mm as run_out_mm
 from .zero import ZeroCorrection as ZeroCorrection
 from .zero import zero_correction as zero_correction

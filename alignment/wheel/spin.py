@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 
 from alignment.arrays import Array, Mask
-from alignment.errors import DegenerateInputError
 from alignment.values import Refusal, RefusalCode, Side, WheelMeasurement
-from alignment.vehicle.angles import camber_toe, camber_toe_jacobian, normal_from_angles
+from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
+from alignment.wheel.normals import Scatter, frame_about, normals_of, tilt_and_azimuth
 
 FEWEST_SHOTS = 8
 SHORTEST_TURN = math.radians(120.0)
@@ -70,6 +70,15 @@ class SpinMeasurement:
         k of `camber_u95` and `toe_u95`.
     degraded
         True when a shot that was used had lost a head.
+    phases_u
+        Standard uncertainty of each phase, radians; None when the phases are.
+    wander
+        Largest angle of the axis from its mean over the shots, radians; None where it was taken to stand.
+    turned
+        Turn from the first shot to the last, radians, counted as the phases, were it less than half a turn
+        from each to the next; None when the phases are, or where nothing is known of the order.
+    scatter
+        Root mean square of what is neither cone nor wander, along one direction, radians.
     """
 
     camber: float
@@ -82,6 +91,10 @@ class SpinMeasurement:
     used: tuple[bool, ...]
     coverage_factor: float = 2.0
     degraded: bool = False
+    phases_u: tuple[float, ...] | None = None
+    wander: float | None = None
+    turned: float | None = None
+    scatter: float | None = None
     method: Literal["spin_axis"] = field(default="spin_axis", init=False)
     outcome: Literal["measured"] = field(default="measured", init=False)
 
@@ -110,23 +123,24 @@ class SpinMeasurement:
         """Expanded uncertainty of toe, radians."""
         return self.coverage_factor * self.toe_u
 
-    def run_out_mm(self, radius_mm: float) -> float | None:
-        """Axial run-out at a radius, peak to peak, millimetres; None when the run-out is."""
-        return None if self.run_out is None else 2.0 * radius_mm * math.sin(self.run_out)
-
-
-@dataclass(frozen=True, eq=False)
-class _Scatter:
-    """Normals as angles (N, 2) from their middle along `frame[:2]`, with the noise of each (N, 2, 2)."""
-
-    points: Array
-    noise: Array
-    frame: Array
+    @property
+    def high_spot(self) -> float | None:
+        """Where the tyre stood out farthest at the last shot, counted as the phases; None when those are."""
+        return None if self.phases is None else math.remainder(self.phases[-1] + math.pi, 2.0 * math.pi)
 
     @property
-    def sigma(self) -> float:
-        """Typical standard deviation of one shot along one direction."""
-        return math.sqrt(float(np.median(np.trace(self.noise, axis1=1, axis2=2))) / 2.0)
+    def high_spot_u(self) -> float | None:
+        """Standard uncertainty of `high_spot`, radians."""
+        return None if self.phases_u is None else self.phases_u[-1]
+
+    def run_out_mm(self, radius_mm: float) -> float | None:
+        """Axial run-out at a radius, peak to peak, millimetres; None when the run-out is."""
+        return None if self.run_out is None else run_out_mm(self.run_out, radius_mm)
+
+
+def run_out_mm(run_out: float, radius_mm: float) -> float:
+    """Axial run-out at a radius, peak to peak, millimetres, of a tilt against the spin axis, radians."""
+    return 2.0 * radius_mm * math.sin(run_out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +186,7 @@ def fit_spin_axis(
             "over a full turn",
         )
     common = np.zeros((2, 2)) if common_covariance is None else common_covariance
-    scatter = _scatter(measurements, side, common)
+    scatter = Scatter.of(measurements, side, common)
     most_outliers = shots // 4
     steady, cone = _fit_steady(scatter), _fit_cone(scatter)
     if cone is not None and _is_clear(cone, scatter):
@@ -184,46 +198,7 @@ def fit_spin_axis(
     return _without_run_out(steady, scatter, side, common, measurements)
 
 
-def _scatter(measurements: Sequence[WheelMeasurement], side: Side, common: Array) -> _Scatter:
-    normals = np.array([normal_from_angles(m.camber, m.toe, side) for m in measurements])
-    frame = _frame(np.median(normals, axis=0))
-    noise = np.empty((len(normals), 2, 2))
-    for i, (normal, m) in enumerate(zip(normals, measurements, strict=True)):
-        own = m.angle_covariance - common
-        tilt_by_angles = np.linalg.inv(camber_toe_jacobian(normal, side) @ frame[:2].T)
-        noise[i] = tilt_by_angles @ own @ tilt_by_angles.T
-        if not np.linalg.eigvalsh(noise[i])[0] > 0.0:
-            raise DegenerateInputError(
-                field=f"measurements[{i}].angle_covariance",
-                expected="a positive definite matrix, larger than the common covariance",
-                seen=f"{m.angle_covariance.tolist()} and {common.tolist()}",
-            )
-    angle, azimuth = _polar(normals, frame)
-    return _Scatter(angle[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)]), noise, frame)
-
-
-def _frame(axis: Array) -> Array:
-    """Rows: towards the top, counter-clockwise of it seen from outboard, the unit axis; vehicle frame."""
-    n = axis / np.linalg.norm(axis)
-    up = np.array([0.0, 0.0, 1.0]) - n[2] * n
-    up /= np.linalg.norm(up)
-    return np.array([up, np.cross(n, up), n])
-
-
-def _polar(normals: Array, frame: Array) -> tuple[Array, Array]:
-    """Angle of normals (N, 3) from the axis of a frame, and their azimuth in it, radians."""
-    x, y, z = frame @ normals.T
-    return np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
-
-
-def _normals(points: Array, frame: Array) -> Array:
-    """Unit normals (N, 3) of angles (N, 2) along the rows of a frame: the inverse of what `_scatter` does."""
-    angle = np.linalg.norm(points, axis=-1, keepdims=True)
-    out: Array = np.cos(angle) * frame[2] + np.sinc(angle / math.pi) * (points @ frame[:2])
-    return out
-
-
-def _fit_steady(scatter: _Scatter) -> _Fit:
+def _fit_steady(scatter: Scatter) -> _Fit:
     """Weighted mean of the points without outliers."""
     information = np.linalg.inv(scatter.noise)
     centre, used = np.median(scatter.points, axis=0), np.ones(len(scatter.points), dtype=bool)
@@ -242,17 +217,17 @@ def _fit_steady(scatter: _Scatter) -> _Fit:
     return _Fit(centre, 0.0, used, scale, max(1.0, scale) ** 2 * covariance)
 
 
-def _fit_cone(scatter: _Scatter) -> _Fit | None:
+def _fit_cone(scatter: Scatter) -> _Fit | None:
     """Circle of the points, exact on the sphere; None when no circle of a believable run-out is near them."""
     start = _start_of_cone(scatter)
     if start is None:
         return None
     axis, radius, cut = start
-    frame = _frame(axis)
-    normals = _normals(scatter.points, scatter.frame)
+    frame = frame_about(axis)
+    normals = normals_of(scatter.points, scatter.frame)
     used = np.ones(len(normals), dtype=bool)
     for _ in range(_ITERATIONS):
-        angle, azimuth = _polar(normals, frame)
+        angle, azimuth = tilt_and_azimuth(normals, frame)
         radial = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
         sigma = np.sqrt(np.einsum("na,nab,nb->n", radial, scatter.noise, radial))
         residual = (angle - radius) / sigma
@@ -263,7 +238,7 @@ def _fit_cone(scatter: _Scatter) -> _Fit | None:
         inverse = np.linalg.pinv(rows.T @ rows)
         step = inverse @ rows.T @ residual[used]
         radius += float(step[2])
-        frame = _frame(frame[2] + step[:2] @ frame[:2])
+        frame = frame_about(frame[2] + step[:2] @ frame[:2])
         if not 0.0 < radius <= _LARGEST_RUN_OUT:
             return None
         if np.abs(step).max() < _SETTLED:
@@ -272,7 +247,7 @@ def _fit_cone(scatter: _Scatter) -> _Fit | None:
     return _Fit(frame[2], radius, used, scale, max(1.0, scale) ** 2 * inverse)
 
 
-def _start_of_cone(scatter: _Scatter) -> tuple[Array, float, float] | None:
+def _start_of_cone(scatter: Scatter) -> tuple[Array, float, float] | None:
     """Axis, radius and outlier limit (in stated noise) of the best circle through three points."""
     points, shots = scatter.points, len(scatter.points)
     chosen = np.unique(np.linspace(0, shots - 1, min(shots, _STARTS)).round().astype(np.intp))
@@ -299,27 +274,26 @@ def _start_of_cone(scatter: _Scatter) -> tuple[Array, float, float] | None:
     # Three quarters of a normal distribution lie within 1.15 σ; three parameters make few points look better.
     spread = quantile[best] / 1.15 * (1.0 + 5.0 / (shots - 3)) / scatter.sigma
     cut = _OUTLIER * max(1.0, float(spread))
-    return _normals(centre[best], scatter.frame), float(radius[best]), cut
+    return normals_of(centre[best], scatter.frame), float(radius[best]), cut
 
 
-def _is_clear(cone: _Fit, scatter: _Scatter) -> bool:
+def _is_clear(cone: _Fit, scatter: Scatter) -> bool:
     """Whether the run-out stands clear of the noise, so that the cone is one."""
     noise = scatter.sigma * max(1.0, cone.scale)
     return cone.radius > _CLEAR * max(noise, math.sqrt(cone.covariance[2, 2]))
 
 
-def _is_arc(scatter: _Scatter, steady: _Fit) -> bool:
+def _is_arc(scatter: Scatter, steady: _Fit) -> bool:
     width, length = np.sqrt(np.linalg.eigvalsh(np.cov(scatter.points[steady.used].T)))
     return bool(length > _ELONGATED * width)
 
 
 def _on_cone(
-    cone: _Fit, scatter: _Scatter, side: Side, common: Array, measurements: Sequence[WheelMeasurement]
+    cone: _Fit, scatter: Scatter, side: Side, common: Array, measurements: Sequence[WheelMeasurement]
 ) -> SpinMeasurement | Refusal:
-    frame = _frame(cone.centre)
-    _, azimuth = _polar(_normals(scatter.points, scatter.frame), frame)
-    seen = np.sort(azimuth[cone.used])
-    covered = 2.0 * math.pi - float(np.diff(seen, append=seen[0] + 2.0 * math.pi).max())
+    frame = frame_about(cone.centre)
+    _, azimuth = tilt_and_azimuth(normals_of(scatter.points, scatter.frame), frame)
+    covered = covered_by(azimuth[cone.used])
     if covered < SHORTEST_TURN:
         return _short_turn(covered)
     turn = camber_toe_jacobian(frame[2], side) @ frame[:2].T
@@ -335,13 +309,24 @@ def _on_cone(
         used=tuple(map(bool, cone.used)),
         coverage_factor=measurements[0].coverage_factor,
         degraded=any(m.degraded for m, used in zip(measurements, cone.used, strict=True) if used),
+        phases_u=(
+            math.hypot(scatter.sigma, math.sqrt(0.5 * np.trace(cone.covariance[:2, :2]))) / cone.radius,
+        )
+        * len(measurements),
+        scatter=cone.scale * scatter.sigma,
     )
 
 
+def covered_by(phases: Array) -> float:
+    """A full turn less the largest gap between phases, radians."""
+    seen = np.sort(np.mod(phases, 2.0 * math.pi))
+    return 2.0 * math.pi - float(np.diff(seen, append=seen[0] + 2.0 * math.pi).max())
+
+
 def _without_run_out(
-    steady: _Fit, scatter: _Scatter, side: Side, common: Array, measurements: Sequence[WheelMeasurement]
+    steady: _Fit, scatter: Scatter, side: Side, common: Array, measurements: Sequence[WheelMeasurement]
 ) -> SpinMeasurement:
-    frame = _frame(_normals(steady.centre, scatter.frame))
+    frame = frame_about(normals_of(steady.centre, scatter.frame))
     # A run-out as large as the noise would not be seen, and over part of a turn it shifts the mean.
     hidden = scatter.sigma * max(1.0, steady.scale)
     turn = camber_toe_jacobian(frame[2], side) @ frame[:2].T
@@ -358,6 +343,7 @@ def _without_run_out(
         used=tuple(map(bool, steady.used)),
         coverage_factor=measurements[0].coverage_factor,
         degraded=any(m.degraded for m, used in zip(measurements, steady.used, strict=True) if used),
+        scatter=steady.scale * scatter.sigma,
     )
 
 
@@ -370,7 +356,7 @@ def _short_turn(covered: float | None) -> Refusal:
     )
 
 
-def _inconsistent(fit: _Fit, scatter: _Scatter) -> Refusal:
+def _inconsistent(fit: _Fit, scatter: Scatter) -> Refusal:
     outside = int((~fit.used).sum())
     scatter_arcmin = 60.0 * math.degrees(fit.scale * scatter.sigma)
     return Refusal(

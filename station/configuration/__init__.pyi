@@ -16,5 +16,6 @@ from .settings import read_configuration as read_configuration
 from .settings import station_model as station_model
 from .starter import write_starter as write_starter
 from .toml import read_toml as read_toml
+from .vehicle_types import Measured as Measured
 from .vehicle_types import Tolerance as Tolerance
 from .vehicle_types import VehicleType as VehicleType

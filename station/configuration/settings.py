@@ -16,11 +16,20 @@ from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
 from alignment.values import MeasureSettings, PlaneMethod
 from alignment.vehicle import Stand
+from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
-from station.configuration.vehicle_types import Label, VehicleType, read_vehicle_types
+from station.configuration.vehicle_types import (
+    LEAST_TURN_DEG,
+    QUANTITY,
+    Label,
+    Measured,
+    VehicleType,
+    check_series,
+    read_vehicle_types,
+)
 
 SMALLEST_K, LARGEST_K = 1.6, 5.0
 """Believable coverage factors: 1.645 stands for 90 %."""
@@ -138,6 +147,38 @@ class CycleSettings(StrictModel):
     calibration_max_age_days: float = Field(
         default=365.0, gt=0, le=36_500, description="A calibration older than this gives no verdict, days"
     )
+    measure: Measured = Field(default="tyre_plane", description=QUANTITY)
+    exposures: int = Field(
+        default=16, ge=FEWEST_EXPOSURES, le=MOST_EXPOSURES, description="Exposures of a wheel that turns"
+    )
+    least_turn_deg: float = Field(
+        default=270.0, ge=LEAST_TURN_DEG, lt=360, description="Least turn that they must cover, degrees"
+    )
+    exposure_interval_s: float = Field(
+        default=0.25,
+        ge=0,
+        le=10,
+        description="Time from one exposure of a wheel that turns to the next, seconds; best such that all of"
+        " them go twice round",
+    )
+
+    @model_validator(mode="after")
+    def _series_is_possible(self) -> CycleSettings:
+        check_series(self.exposures, self.least_turn_deg)
+        if self.measure == "spin_axis":
+            self.check_time(self.exposures)
+        return self
+
+    def check_time(self, exposures: int) -> None:
+        """Refuse so many exposures that they take longer than a measurement may."""
+        taken_s = (exposures - 1) * self.exposure_interval_s
+        if taken_s >= self.measure_timeout_s:
+            raise DegenerateInputError(
+                field="exposures",
+                expected=f"so many that they take less than measure_timeout_s, {self.measure_timeout_s:g} s",
+                seen=f"{exposures}, every {self.exposure_interval_s:g} s: {taken_s:g} s",
+                cure="Take fewer, or allow a longer measure_timeout_s",
+            )
 
 
 class CameraOptions(StrictModel):
@@ -432,4 +473,24 @@ def read_configuration(path: Path) -> Configuration:
             raise ConfigurationError(
                 file=path, field=field, expected="a file or folder that exists", seen=f"'{name}'"
             )
-    return Configuration(path, settings, read_vehicle_types(path.parent / settings.vehicle_types))
+    types = read_vehicle_types(path.parent / settings.vehicle_types)
+    for kind in types.values():
+        _check_series_of(kind, settings.cycle, path)
+    return Configuration(path, settings, types)
+
+
+def _check_series_of(kind: VehicleType, cycle: CycleSettings, path: Path) -> None:
+    """Refuse a vehicle type whose series the station cannot take."""
+    exposures = kind.exposures or cycle.exposures
+    try:
+        check_series(exposures, kind.least_turn_deg or cycle.least_turn_deg)
+        if (kind.measure or cycle.measure) == "spin_axis":
+            cycle.check_time(exposures)
+    except DegenerateInputError as error:
+        raise ConfigurationError(
+            file=path,
+            field=f"cycle.{error.field} with the vehicle type '{kind.name}'",
+            expected=error.expected,
+            seen=error.seen,
+            cure=error.cure,
+        ) from error

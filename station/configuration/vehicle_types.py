@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.vehicle import TyreWidths
+from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
 from sensors.formats import StrictModel, entries
 from station.configuration.lengths import LengthTolerances
 from station.configuration.limits import Limits
@@ -28,6 +29,14 @@ WIDEST_DEG = {
 """Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
 TyreWidth = Annotated[float, Field(ge=80, le=500)]
 _Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
+LEAST_TURN_DEG = 120.0
+"""Of a turn that a series must cover, degrees; less says too little of where its centre is."""
+Measured = Literal["tyre_plane", "spin_axis"]
+"""What is measured and judged: the plane of the tyre as it stands, or the axis about which it turns."""
+QUANTITY = (
+    "'tyre_plane': one exposure of each wheel; 'spin_axis': a series of exposures while rollers turn the "
+    "wheels, free of run-out"
+)
 Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f\x7f]+$")]
 AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 
@@ -70,6 +79,18 @@ class Tolerance(StrictModel):
         return Limits(math.radians(low), math.radians(high))
 
 
+def check_series(exposures: int, least_turn_deg: float) -> None:
+    """Refuse a turn that so many exposures cannot cover."""
+    most = 360.0 * (1.0 - 1.0 / exposures)
+    if least_turn_deg >= most:
+        raise DegenerateInputError(
+            field="least_turn_deg",
+            expected=f"less than {most:.0f}, which {exposures} exposures cover of a turn at most",
+            seen=f"{least_turn_deg:g}",
+            cure="Take more exposures, or ask for less",
+        )
+
+
 def _check_width(name: str, tolerance: Tolerance | None) -> None:
     """Refuse limits so wide that every vehicle would be accepted; they are in another unit."""
     if tolerance is None:
@@ -98,12 +119,18 @@ class AxleTolerances(StrictModel):
         default=None,
         description="Section width of this axle's tyres, where it is not the vehicle's, millimetres",
     )
+    run_out_mm: float | None = Field(
+        default=None,
+        ge=0.05,
+        le=20,
+        description="Largest run-out of each tyre where the spin axis is measured, millimetres peak to peak; "
+        "not judged without",
+    )
 
     @model_validator(mode="after")
     def _are_believable(self) -> AxleTolerances:
-        for name in type(self).model_fields:
-            if name in WIDEST_DEG:
-                _check_width(name, getattr(self, name))
+        for name in WIDEST_DEG:
+            _check_width(name, getattr(self, name, None))
         return self
 
 
@@ -146,6 +173,22 @@ class VehicleType(StrictModel):
         le=5,
         description="Spread of single tyres about their width, one standard deviation, millimetres; it is in"
         " the uncertainty of individual toe and thrust angle",
+    )
+    measure: Measured | None = Field(default=None, description=f"{QUANTITY}; as the station says without")
+    exposures: int | None = Field(
+        default=None,
+        ge=FEWEST_EXPOSURES,
+        le=MOST_EXPOSURES,
+        description="Exposures of a wheel that turns; as the station says without",
+    )
+    least_turn_deg: float | None = Field(
+        default=None,
+        ge=LEAST_TURN_DEG,
+        lt=360,
+        description="Least turn that they must cover, degrees; as the station says without",
+    )
+    run_out_radius_mm: float = Field(
+        default=300.0, ge=100, le=1000, description="Radius at which run-out is told, millimetres"
     )
 
     @model_validator(mode="after")

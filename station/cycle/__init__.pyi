@@ -13,6 +13,7 @@ from .positions import CalibrationInForce as CalibrationInForce
 from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
 from .positions import utc_now as utc_now
+from .series import SeriesChoice as SeriesChoice
 from .verdict import Status as Status
 from .verdict import combined as combined
 from .verdict import missed_in_words as missed_in_words

@@ -9,23 +9,87 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from alignment.errors import TruewheelError
+from alignment.wheel import LiveSpin
 from station.cycle.frame import CommonFrame
 from station.cycle.judging import evaluate
 from station.cycle.positions import WheelPosition, WheelResult, fault
 from station.cycle.under_way import CycleUnderWay
 from station.cycle.verdict import Status, combined
+from station.cycle.wheel_runs import run_wheels
 from station.cycle.wheel_threads import WheelThreads
-from station.cycle.words import ErrorCode, LiveAngles, LiveState
+from station.cycle.words import Command, ErrorCode, LiveAngles, LiveState, Stop
 
+_NO_RUN_OUT = "the series before the adjusting told no run-out of this wheel"
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
 
 
 class LiveLine(Protocol):
     """What is needed of the line."""
 
+    def next_command(self, timeout_s: float) -> Command | None:
+        """Take the next command."""
+        ...
+
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         """Show angles of a wheel."""
         ...
+
+
+class RunOutBefore:
+    """What a series before the adjusting says of the run-out of each wheel, which is then taken off.
+
+    Parameters
+    ----------
+    cycle
+        Of the adjusting.
+    line
+        Tells when to stop; is shown that nothing is measured yet.
+
+    Attributes
+    ----------
+    lives
+        What follows the spin axis of each wheel; of a wheel whose series failed there is none.
+    late
+        Names of wheels whose series did not end in time; their cameras are still in use.
+    stopped
+        Whether a stop came meanwhile: then there is nothing to adjust any more.
+    """
+
+    def __init__(self, cycle: CycleUnderWay, line: LiveLine) -> None:
+        self._cycle, self._line = cycle, line
+        self.lives: dict[str, LiveSpin] = {}
+        self.late: set[str] = set()
+        self.stopped = False
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the spin axis is shown, so that a wheel without its run-out shows nothing."""
+        return self._cycle.plan is not None
+
+    def find(
+        self,
+        threads: WheelThreads,
+        positions: Sequence[WheelPosition],
+        bound_s: float,
+        clock: Callable[[], float],
+    ) -> None:
+        """Take a series of each wheel; a stop that comes meanwhile is kept, an abort ends it."""
+        for position in positions:
+            self._line.publish_live(LiveAngles(position.name, LiveState.NOT_MEASURED), clock())
+        run_wheels(threads, self._cycle, positions, bound_s, clock, self._given_up, self._done)
+
+    def _done(self, result: WheelResult) -> None:
+        if result.live is not None:
+            self.lives[result.wheel] = result.live
+        elif result.failure is not None and result.failure.error_code is ErrorCode.CYCLE_TIMEOUT:
+            self.late.add(result.wheel)
+
+    def _given_up(self) -> bool:
+        command = self._line.next_command(0.0)
+        if isinstance(command, Stop) and command.sequence == self._cycle.sequence:
+            self.stopped = True
+            return False
+        return self._cycle.heed(command)
 
 
 class Adjusting:
@@ -52,6 +116,8 @@ class Adjusting:
     frame
         Common frame of the rigs. Where toes refer to the vehicle, a wheel is shown as soon as all four were
         seen: the others as they were last tell where its centreline is.
+    before
+        The run-out of each wheel, where the spin axis is shown.
 
     Attributes
     ----------
@@ -68,11 +134,13 @@ class Adjusting:
         line: LiveLine,
         clock: Callable[[], float],
         last_s: float,
-        frame: CommonFrame | None = None,
+        frame: CommonFrame | None,
+        before: RunOutBefore,
     ) -> None:
         self._threads = threads
         self._frame = frame
         self._seen: dict[str, WheelResult] = {}
+        self._before = before
         assert cycle.kind is not None
         self._zeros, self._kind = cycle.zeros, cycle.kind
         self._coverage_factor = coverage_factor
@@ -122,7 +190,12 @@ class Adjusting:
         started_s = self._clock()
         try:
             position.rig.arm()
-            return position.run(self._zeros), started_s
+            live = self._before.lives.get(position.name)
+            result = position.run(self._zeros, live)
+            if live is None and self._before.wanted and result.measurement is not None:
+                # A tyre plane is not shown as if it were the axis.
+                return position.failed(fault(ErrorCode.MEASUREMENT_REFUSED, _NO_RUN_OUT)), started_s
+            return result, started_s
         except TruewheelError as error:
             return position.failed(fault(ErrorCode.CAMERA_FAULT, str(error))), started_s
 

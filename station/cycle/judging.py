@@ -17,15 +17,47 @@ from alignment.vehicle import (
     axle_angles,
     vehicle_angles,
 )
-from station.configuration import LengthTolerance, Tolerance, VehicleType
+from alignment.wheel import run_out_mm
+from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
 from station.cycle.frame import CommonFrame, Reference, geometry_of, whole_vehicle
 from station.cycle.positions import Failure, WheelResult
 from station.cycle.verdict import Angle, Status
 
 
+@dataclass(frozen=True)
+class JudgedRunOut:
+    """Run-out of a tyre, which has a verdict of its own: no turn of a tie rod changes it.
+
+    Attributes
+    ----------
+    tilt
+        Of the tyre plane against the spin axis, with its limits; 0 with what may hide where none was told.
+    radius_mm
+        At which it is told in millimetres.
+    high_spot, high_spot_u
+        Where the tyre stood out farthest at the last exposure, radians from the top, counter-clockwise seen
+        from outboard, and its standard uncertainty; None where no run-out was told.
+    """
+
+    tilt: Angle
+    radius_mm: float
+    high_spot: float | None
+    high_spot_u: float | None
+
+    @property
+    def value_mm(self) -> float:
+        """Peak to peak."""
+        return run_out_mm(self.tilt.value or 0.0, self.radius_mm)
+
+    @property
+    def u95_mm(self) -> float:
+        """Expanded uncertainty."""
+        return run_out_mm(self.tilt.expanded_uncertainty or 0.0, self.radius_mm)
+
+
 @dataclass(frozen=True, eq=False)
 class JudgedWheel:
-    """One wheel with its two angles.
+    """One wheel with its two angles, and the run-out where a series told of it.
 
     Attributes
     ----------
@@ -40,6 +72,7 @@ class JudgedWheel:
     values: WheelAngles | None
     camber: Angle
     toe: Angle
+    run_out: JudgedRunOut | None = None
 
     @property
     def angles(self) -> tuple[Angle, ...]:
@@ -224,7 +257,21 @@ class _Judge:
             elif self.own is not None and result.wheel in FOUR_WHEELS:
                 # What the other wheels rest on is in the centreline.
                 toe = self._set(toe, values.toe, values.toe_u, *FOUR_WHEELS)
-        return JudgedWheel(result, values, camber, toe)
+        return JudgedWheel(result, values, camber, toe, self._run_out(result))
+
+    def _run_out(self, result: WheelResult) -> JudgedRunOut | None:
+        spin = result.spin
+        if spin is None:
+            return None
+        radius_mm, most_mm = self.kind.run_out_radius_mm, self.kind.axles[axle_of(result.wheel)].run_out_mm
+        limits = None
+        if most_mm is not None:
+            most = math.asin(0.5 * most_mm / radius_mm)
+            # It has a size and no sign; the lower limit is there for the form.
+            limits = Limits(-most, most)
+        tilt = Angle(f"{result.wheel}.run_out", limits, self.kind.guard_band)
+        tilt = self._set(tilt, spin.run_out or 0.0, spin.run_out_u, result.wheel)
+        return JudgedRunOut(tilt, radius_mm, spin.high_spot, spin.high_spot_u)
 
     def axle(self, axle: str) -> JudgedAxle:
         tolerances = self.kind.axles[axle]

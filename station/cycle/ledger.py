@@ -161,13 +161,21 @@ class Ledger:
         self._thread.call(self._contradict, record, told, [])
         return told, standing
 
-    def note(self, severity: Severity, code: str, text: str, cycle: UUID | None = None) -> bool:
-        """Record an event, of a cycle if it is of one; false when the database did not take it.
+    def note(
+        self,
+        severity: Severity,
+        code: str,
+        text: str,
+        cycle: UUID | None = None,
+        value: float | None = None,
+    ) -> bool:
+        """Record an event, of a cycle if it is of one, with the number it tells.
 
+        False when the database did not take it.
         The next commit will meet what kept it from that, too.
         """
         try:
-            self._thread.call(self._store.record_event, self._event(severity, code, text, cycle))
+            self._thread.call(self._store.record_event, self._event(severity, code, text, cycle, value))
         except StoreError as error:
             _LOG.error("event %s was not stored: %s (%s)", code, text, error)
             return False
@@ -201,7 +209,14 @@ class Ledger:
         event = self._event(severity, how, closing_text(cycle, sequence), cycle)
         return replace(event, uuid=closing_id(cycle, how))
 
-    def _event(self, severity: Severity, code: str, text: str, cycle: UUID | None = None) -> EventRecord:
+    def _event(
+        self,
+        severity: Severity,
+        code: str,
+        text: str,
+        cycle: UUID | None = None,
+        value: float | None = None,
+    ) -> EventRecord:
         return EventRecord(
             self._now(),
             self._identity.station,
@@ -211,4 +226,5 @@ class Ledger:
             text,
             self._clock(),
             cycle_uuid=cycle,
+            value=value,
         )

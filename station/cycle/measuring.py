@@ -11,14 +11,13 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, wait
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from alignment.errors import InputError, LineError, StoreError, together
 from db.records import CycleRecord, Severity
 from station.configuration import VehicleType
-from station.cycle.adjusting import Adjusting
+from station.cycle.adjusting import Adjusting, RunOutBefore
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
 from station.cycle.frame import CommonFrame, frame_for, tells_toe
@@ -28,10 +27,12 @@ from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.cycle.positions import Failure, WheelPosition, fault, result_of, utc_now
-from station.cycle.record import cycle_record
+from station.cycle.positions import Failure, WheelPosition, WheelResult, fault, utc_now
+from station.cycle.record import cycle_record, run_out_notes
+from station.cycle.series import SeriesChoice
 from station.cycle.states import StateMachine
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
+from station.cycle.wheel_runs import POLL_S, run_wheels
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import (
     Abort,
@@ -47,7 +48,6 @@ from station.cycle.words import (
 )
 from station.threads import ThreadHealth, ThreadWatch, Watched
 
-_POLL_S = 0.02
 _LOG = logging.getLogger("truewheel.station")
 
 
@@ -81,6 +81,8 @@ class MeasuringCycle:
         Of others, to be looked after with its own.
     frame
         Of the rigs, when all stand in one, and what toes refer to.
+    series
+        Whether single exposures or series of them are measured, where a vehicle type does not say.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class MeasuringCycle:
         image_folder: Path | None = None,
         threads: Sequence[Watched] = (),
         frame: CommonFrame | None = None,
+        series: SeriesChoice | None = None,
     ) -> None:
         self._identity = identity
         self._frame = frame
@@ -113,7 +116,9 @@ class MeasuringCycle:
         self._trouble = NO_TROUBLE
         self._held: Held | None = None
         self._stopping = threading.Event()
-        self._wheel_threads = WheelThreads(self._positions)
+        self._series = series or SeriesChoice()
+        turning = any(self._series.plan(kind) is not None for kind in vehicle_types.values())
+        self._wheel_threads = WheelThreads(self._positions, series=turning)
         self._images = (
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
@@ -159,7 +164,7 @@ class MeasuringCycle:
         self._stopping = stopping
         try:
             while not stopping.is_set():
-                self.step(5 * _POLL_S)
+                self.step(5 * POLL_S)
         except BaseException:
             self._trouble = Trouble(ErrorCode.INTERNAL_FAULT)
             if self.state is StationState.FAULT:
@@ -200,7 +205,8 @@ class MeasuringCycle:
         if trigger.mode is Mode.CALIBRATE:
             self._record_images(CycleUnderWay(trigger, received_utc, positions, None))
             return None
-        cycle = CycleUnderWay(trigger, received_utc, positions, self._vehicle_types[trigger.vehicle_type])
+        kind = self._vehicle_types[trigger.vehicle_type]
+        cycle = CycleUnderWay(trigger, received_utc, positions, kind, plan=self._series.plan(kind))
         self._enter(StationState.ARMED)
         self._measure(cycle)
         self._enter(StationState.EVALUATING)
@@ -216,6 +222,10 @@ class MeasuringCycle:
 
     def _end(self, cycle: CycleUnderWay, evaluation: Evaluation) -> None:
         """Hold results that were told until they are acknowledged, and be ready again or not."""
+        if cycle.committed_s is not None:
+            # After the answer, which must not wait for it.
+            for severity, value_mm, text in run_out_notes(evaluation):
+                self._ledger.note(severity, "run_out", text, cycle.uuid, value_mm)
         self._drain(cycle)
         after = StationState.FAULT if self._needs_reset(cycle, evaluation) else StationState.IDLE
         if cycle.told is not None:
@@ -309,18 +319,27 @@ class MeasuringCycle:
         """
         self._enter(StationState.ADJUSTING)
         deadline, last_s = self._clock() + self._bounds.adjust_s, self._bounds.measure_s
+        before = RunOutBefore(cycle, self._line)
+        if cycle.plan is not None:
+            before.find(self._wheel_threads, positions, last_s, self._clock)
+        late = tuple(position for position in positions if position.name in before.late)
+        ready = [position for position in positions if position not in late]
+        if cycle.interrupted or before.stopped or not ready:
+            self._arm(ready)
+            return late
         with Adjusting(
             self._wheel_threads,
             cycle,
-            positions,
+            ready,
             self._coverage_factor,
             self._line,
             self._clock,
             last_s,
             self._frame,
+            before,
         ) as adjusting:
             while not cycle.interrupted:
-                adjusting.step(_POLL_S)
+                adjusting.step(POLL_S)
                 command = self._line.next_command(0.0)
                 if isinstance(command, Stop) and command.sequence == cycle.sequence:
                     break
@@ -331,21 +350,18 @@ class MeasuringCycle:
             text = f"adjusting of start {cycle.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text, cycle)
         # Adjusting has armed them for another shot each time; once more for the one that counts.
-        self._arm([position for position in positions if position not in adjusting.late])
-        return adjusting.late
+        self._arm([position for position in ready if position not in adjusting.late])
+        return (*late, *adjusting.late)
 
     def _run_wheels(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> None:
-        running = {self._wheel_threads.submit(p.name, p.run, cycle.zeros): p for p in positions}
-        deadline = self._clock() + self._bounds.measure_s
-        while running and not self._poll(cycle) and self._clock() < deadline:
-            done, _ = wait(running, _POLL_S, FIRST_COMPLETED)
-            for future in done:
-                result = result_of(future, running.pop(future))
-                cycle.take({result.wheel: result})
-                self._observer.wheel_done(result)
-        self._wheel_threads.leave(running)
-        if not cycle.interrupted:
-            cycle.take({p.name: p.late(self._bounds.measure_s) for p in running.values()})
+        def done(result: WheelResult) -> None:
+            cycle.take({result.wheel: result})
+            self._observer.wheel_done(result)
+
+        bound_s = self._bounds.measure_s
+        run_wheels(
+            self._wheel_threads, cycle, positions, bound_s, self._clock, lambda: self._poll(cycle), done
+        )
 
     def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
         """Judge by the limits of the vehicle type, and make the record."""
@@ -414,7 +430,7 @@ class MeasuringCycle:
         held = self._held
         deadline = self._clock() + self._bounds.acknowledge_s
         while not self._stopping.is_set() and (remaining := deadline - self._clock()) > 0:
-            command = self._line.next_command(min(remaining, 5 * _POLL_S))
+            command = self._line.next_command(min(remaining, 5 * POLL_S))
             if isinstance(command, Acknowledge) and command.sequence == held.sequence:
                 self._close_held(Closing.ACKNOWLEDGED)
                 return

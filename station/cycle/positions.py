@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -13,20 +14,26 @@ from typing import Any, Protocol
 
 from alignment.counting import listed
 from alignment.errors import TruewheelError
+from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
 from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
     Refusal,
+    RefusalCode,
     RigCalibration,
+    Side,
     StereoImages,
     WheelMeasurement,
 )
 from alignment.vehicle import WheelAxis
+from alignment.wheel import LiveSpin, SeriesRules, SpinMeasurement
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
+from station.cycle.series import SeriesError, SeriesPlan, take_series
 from station.cycle.words import ErrorCode
 from station.cycle.zero import correction_of
+from station.threads import Worker
 
 MeasureFunction = Callable[[Sequence[StereoImages], PreparedRig, MeasureSettings], WheelMeasurement | Refusal]
 
@@ -145,6 +152,11 @@ class WheelResult:
         The zero measurement that corrected the angles; None when there was none.
     axis
         The wheel in the frame of the stand; None where it was not measured, or its place is not known.
+    spin
+        Run-out and what else a series tells, its angles as measured, without that correction; None of a
+        single exposure.
+    live
+        Follows the spin axis from single exposures after the series; None of a single exposure.
     """
 
     wheel: str
@@ -158,10 +170,30 @@ class WheelResult:
     zero_id: str | None = None
     shot: WheelShot | None = None
     axis: WheelAxis | None = None
+    spin: SpinMeasurement | None = None
+    live: LiveSpin | None = None
 
     def without_images(self) -> WheelResult:
         """Return the same, to be kept."""
-        return replace(self, shot=None)
+        return replace(self, shot=None, live=None)
+
+
+class PositionError(TruewheelError):
+    """Why a position has nothing to measure."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.text)
+        self.failure = failure
+
+
+def _live(live: LiveSpin, found: WheelMeasurement, shot: WheelShot) -> WheelMeasurement | Refusal:
+    axis = live.take(found, shot.frames[0].device_time_s)
+    if axis is not None:
+        return axis
+    return Refusal(
+        RefusalCode.INCONSISTENT_SHOTS,
+        "where the run-out of the wheel leans to is not known any more; end the adjusting, and measure again",
+    )
 
 
 class WheelPosition:
@@ -205,13 +237,18 @@ class WheelPosition:
         # What follows from the calibration alone is computed once, and goes when this position does.
         self._known_rig = PreparedRig.of(in_force.calibration, settings)
         self._shoot_timeout_s = shoot_timeout_s
-        self._clock = clock
+        self.clock = clock
         self._now = now
 
     @property
     def name(self) -> str:
         """Name of the wheel, which is its rig's."""
         return self.rig.name
+
+    @property
+    def side(self) -> Side:
+        """Side of the vehicle."""
+        return self.in_force.calibration.side
 
     def failed(self, failure: Failure) -> WheelResult:
         """Return the result of this wheel when it was not measured."""
@@ -223,50 +260,107 @@ class WheelPosition:
         text = f"{self.name}: expected images and angles within {bound_s:g} s"
         return self.failed(fault(ErrorCode.CYCLE_TIMEOUT, text))
 
-    def run(self, zeros: Sequence[ZeroRecord] = ()) -> WheelResult:
+    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
 
-        Of the zero measurements in force the one of this rig and calibration corrects the angles.
+        Parameters
+        ----------
+        zeros
+            Zero measurements in force; the one of this rig and calibration corrects the angles.
+        live
+            Takes the run-out of a series off the tyre plane.
         """
-        calibration = self.in_force.calibration
-        if not self.in_force.valid_at(self._now()):
-            return self.failed(
-                fault(
-                    ErrorCode.CALIBRATION_FAULT,
-                    f"{self.name}: calibration {calibration.id} is valid from "
-                    f"{self.in_force.created_utc:%Y-%m-%d} to {self.in_force.valid_until_utc:%Y-%m-%d}; "
-                    "calibrate the rig",
-                )
-            )
+        try:
+            self._check_calibration()
+            shot = self.shoot()
+        except PositionError as error:
+            return self.failed(error.failure)
+        started = self.clock()
+        found = self._measure(shot.images, self._known_rig, self._settings)
+        if live is not None and isinstance(found, WheelMeasurement):
+            found = _live(live, found, shot)
+        return self._result(found, shot, self.clock() - started, zeros)
+
+    def run_series(
+        self,
+        plan: SeriesPlan,
+        worker: Worker,
+        ended: threading.Event,
+        bound_s: float,
+        zeros: Sequence[ZeroRecord] = (),
+    ) -> WheelResult:
+        """As `run`, of a series of exposures of a wheel that turns; see `take_series`."""
+        try:
+            self._check_calibration()
+            taken = take_series(self, plan, worker, ended, bound_s)
+        except PositionError as error:
+            return self.failed(error.failure)
+        except SeriesError as error:
+            return self.failed(ABORTED if error.code is ErrorCode.NONE else fault(error.code, str(error)))
+        found = taken.found
+        spin = found.spin if isinstance(found, SeriesMeasurement) else None
+        wheel = found.wheel if isinstance(found, SeriesMeasurement) else found
+        result = self._result(wheel, taken.shot, taken.duration_s, zeros)
+        measured = result.measurement is not None
+        return replace(result, spin=spin if measured else None, live=taken.live if measured else None)
+
+    def series(self, rules: SeriesRules) -> SeriesUnderWay:
+        """Begin a series of exposures."""
+        return SeriesUnderWay(self._known_rig, self._settings, rules, self._measure)
+
+    def shoot(self) -> WheelShot:
+        """Take one exposure, of this calibration's cameras.
+
+        Raises
+        ------
+        PositionError
+            When a camera fails, or the cameras are others than those of the calibration.
+        """
         try:
             shot = self.rig.shoot(self._shoot_timeout_s)
         except TruewheelError as error:
-            return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
+            raise PositionError(fault(ErrorCode.CAMERA_FAULT, str(error))) from error
         try:
-            check_shot_matches(shot, calibration)
+            check_shot_matches(shot, self.in_force.calibration)
         except TruewheelError as error:
-            return self.failed(fault(ErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}"))
-        started = self._clock()
-        found = self._measure(shot.images, self._known_rig, self._settings)
+            raise PositionError(fault(ErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}")) from error
+        return shot
+
+    def _check_calibration(self) -> None:
+        if self.in_force.valid_at(self._now()):
+            return
+        text = (
+            f"{self.name}: calibration {self.in_force.calibration.id} is valid from "
+            f"{self.in_force.created_utc:%Y-%m-%d} to {self.in_force.valid_until_utc:%Y-%m-%d}; calibrate "
+            "the rig"
+        )
+        raise PositionError(fault(ErrorCode.CALIBRATION_FAULT, text))
+
+    def _result(
+        self,
+        found: WheelMeasurement | Refusal,
+        shot: WheelShot,
+        duration_s: float,
+        zeros: Sequence[ZeroRecord],
+    ) -> WheelResult:
         zero = self._zero(zeros)
         if zero is not None and isinstance(found, WheelMeasurement):
-            found = correction_of(zero, calibration.side).corrected(found)
-        duration = self._clock() - started
+            found = correction_of(zero, self.side).corrected(found)
         measurement, failure = self._judged(found)
         return WheelResult(
             wheel=self.name,
-            calibration_id=calibration.id,
+            calibration_id=self.in_force.calibration.id,
             calibration_valid=True,
             measurement=measurement,
             failure=failure,
             measured_utc=shot.time_utc,
             device_time_s=shot.frames[0].device_time_s,
-            duration_s=duration,
+            duration_s=duration_s,
             zero_id=None if zero is None or measurement is None else zero.id,
             shot=shot,
             axis=None
             if measurement is None or measurement.reference is None
-            else WheelAxis.of(measurement, measurement.reference, calibration),
+            else WheelAxis.of(measurement, measurement.reference, self.in_force.calibration),
         )
 
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 from alignment.errors import together
-from db.records import CycleOutcome, CycleRecord, VehicleRecord
+from db.records import CycleOutcome, CycleRecord, Severity, VehicleRecord
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
 from station.cycle.judging import Evaluation
 from station.cycle.ports import Identity
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
-from station.cycle.verdict import cycle_outcome
+from station.cycle.verdict import Status, cycle_outcome
 from station.cycle.words import Abort, ErrorCode
 
 
@@ -65,3 +68,22 @@ def cycle_record(
         vehicle_angles=vehicle_record(evaluation),
     )
     return record, trouble
+
+
+def run_out_notes(evaluation: Evaluation) -> Iterator[tuple[Severity, float, str]]:
+    """What is recorded of the run-out of each wheel: how much it matters, millimetres, and words."""
+    for wheel in evaluation.wheels:
+        found = wheel.run_out
+        if found is None:
+            continue
+        beyond = found.tilt.status is Status.NOK
+        text = f"{wheel.result.wheel}: run-out {found.value_mm:.3f} mm ± {found.u95_mm:.3f} mm peak to peak"
+        text += f" at {found.radius_mm:g} mm"
+        if found.high_spot is not None and found.high_spot_u is not None:
+            k = evaluation.coverage_factor
+            text += (
+                f", high spot at {math.degrees(found.high_spot):.0f}° ± "
+                f"{math.degrees(k * found.high_spot_u):.1f}° of the top"
+            )
+        text += "; more than its limit" if beyond else ""
+        yield Severity.WARNING if beyond else Severity.INFO, found.value_mm, text

@@ -10,6 +10,7 @@ from uuid import UUID, uuid4
 from db.records import ZeroRecord
 from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
+from station.cycle.series import SeriesPlan
 from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
 
 
@@ -44,6 +45,8 @@ class CycleUnderWay:
         Zero measurements in force at its start.
     results
         What came of the wheels that are done, by name.
+    plan
+        The series that is taken of each wheel; None where single exposures are measured.
     interruption
         The abort or reset that ends it.
     trouble
@@ -64,6 +67,7 @@ class CycleUnderWay:
     uuid: UUID = field(default_factory=uuid4)
     zeros: tuple[ZeroRecord, ...] = ()
     results: dict[str, WheelResult] = field(default_factory=dict)
+    plan: SeriesPlan | None = None
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE
     measured_s: float | None = None

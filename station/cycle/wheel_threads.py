@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import TruewheelError
 from station.cycle.positions import Failure, fault
+from station.cycle.series import MOST_WAITING
 from station.cycle.words import ErrorCode
 from station.threads import Worker, WorkerError
 
@@ -22,16 +23,24 @@ _CLOSING_S = 5.0
 
 
 class WheelThreads:
-    """The threads of some rigs, by their names."""
+    """The threads of some rigs, by their names; with `series` a second one each, that measures."""
 
-    def __init__(self, rigs: Iterable[str]) -> None:
+    def __init__(self, rigs: Iterable[str], *, series: bool = False) -> None:
         self._workers = {rig: Worker(f"wheel {rig}") for rig in rigs}
+        # Measure the exposures of a series while the rig's own thread takes the next.
+        self._measuring = (
+            {rig: Worker(f"series {rig}", MOST_WAITING) for rig in self._workers} if series else {}
+        )
         self._left: set[Future[Any]] = set()
 
     @property
     def workers(self) -> tuple[Worker, ...]:
         """Of all rigs."""
-        return tuple(self._workers.values())
+        return (*self._workers.values(), *self._measuring.values())
+
+    def measuring(self, rig: str) -> Worker:
+        """The thread that measures the series of a rig; KeyError where there are none."""
+        return self._measuring[rig]
 
     @property
     def left(self) -> bool:
@@ -81,5 +90,5 @@ class WheelThreads:
     def close(self) -> bool:
         """End all threads within a bound; false when one hangs and is left to itself."""
         deadline = time.monotonic() + _CLOSING_S
-        ended = [worker.close(max(0.0, deadline - time.monotonic())) for worker in self._workers.values()]
+        ended = [worker.close(max(0.0, deadline - time.monotonic())) for worker in self.workers]
         return all(ended)

@@ -24,6 +24,7 @@ from alignment.values import (
     WheelMeasurement,
     nominal_vehicle_from_rig,
 )
+from alignment.wheel import LiveSpin
 from db.records import ZeroRecord
 from db.store import ResultStore
 from sensors.shot import WheelShot
@@ -98,7 +99,7 @@ class PreparedPosition(WheelPosition):
         self._prepared = rig
         self._shot_s = shot_s
 
-    def run(self, zeros: Sequence[ZeroRecord] = ()) -> WheelResult:
+    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
         """Return the result of the shot that the rig was armed for."""
         if self._shot_s > 0.0:
             time.sleep(self._shot_s)

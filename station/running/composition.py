@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from station.cycle import (
     MeasuringCycle,
     Mode,
     Observer,
+    SeriesChoice,
     StationState,
     StationStatus,
     WheelPosition,
@@ -150,6 +152,7 @@ def open_station(
             image_folder=None if images is None else configuration.path(images),
             threads=[*line.threads, *([] if archive is None else [archive.thread])],
             frame=frame,
+            series=series_choice(settings),
         )
         stack.callback(cycle.close)
         cycle.start()
@@ -166,6 +169,13 @@ def cycle_bounds(settings: StationConfig) -> Bounds:
         acknowledge_s=settings.line.acknowledge_timeout_s,
         adjust_s=settings.cycle.adjust_timeout_s,
     )
+
+
+def series_choice(settings: StationConfig) -> SeriesChoice:
+    """Return what a station says of series of exposures."""
+    cycle = settings.cycle
+    turn = math.radians(cycle.least_turn_deg)
+    return SeriesChoice(cycle.measure, cycle.exposures, turn, cycle.exposure_interval_s)
 
 
 def _archiving(archive: ImageArchive | None, observer: Observer) -> Observer:

@@ -22,6 +22,7 @@ from station.cycle.frame import CommonFrame
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, CycleReport, Identity
 from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
+from station.cycle.series import SeriesChoice
 from station.cycle.words import (
     Acknowledge,
     Command,
@@ -256,6 +257,8 @@ class Bench:
         coverage_factor: float = 2.0,
         frame: CommonFrame | None = None,
         places: Mapping[str, tuple[float, float, float]] | None = None,
+        series: SeriesChoice | None = None,
+        types: Mapping[int, VehicleType] | None = None,
     ) -> None:
         self._places = places or {}
         self._needs_place = frame is not None and frame.reference == "vehicle"
@@ -272,6 +275,7 @@ class Bench:
             1: KIND,
             MASTER.number: MASTER,
             9: KIND.model_copy(update={"number": 9, "axles": {"front": KIND.axles["front"]}}),
+            **(types or {}),
         }
         self.cycle = MeasuringCycle(
             Identity("station_1", "1.0", "abc"),
@@ -285,7 +289,13 @@ class Bench:
             now=lambda: self.today,
             image_folder=image_folder,
             frame=frame,
+            series=series,
         )
+
+    def put_rig(self, rig: FakeRig) -> None:
+        """Let another rig stand in the place of that of its name."""
+        self.rigs[rig.name] = rig
+        self.cycle._positions[rig.name].rig = rig
 
     def wheels_at_rest(self, timeout_s: float) -> bool:
         """Wait until no wheel is measured any more; whether that came within the time."""
