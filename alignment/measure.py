@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.judgement import KNOCKED, Judgement, judge, unjudged
+from alignment.calibration.judgement import Judgement, judge, unjudged
 from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.prepared import PreparedRig
+from alignment.refusals import knocked, no_light, no_match, outside, too_bright, warning
 from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.pool import PointPool
 from alignment.stereo.rows import row_fields
@@ -119,7 +120,7 @@ def _measure(
     matched = match_heads(lines, rig.geometry, settings.depth_range_mm)
     for candidates, head in zip(matched, rig.heads, strict=True):
         if len(candidates.points) < settings.minimum_points:
-            return _no_match(candidates, head, settings)
+            return no_match(candidates, head, settings)
     pool = PointPool.of(matched)
     slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
     hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
@@ -146,9 +147,9 @@ def _lines(
             if found is not None and found.crowded:
                 return _too_many(head, side)
             if found is None or len(found.points) < settings.minimum_points // 4:
-                return _too_bright(head, side) if _is_white(image) else _no_light(image, head, side)
+                return too_bright(head, side) if _is_white(image) else no_light(image, head, side)
             if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
-                return _too_bright(head, side)
+                return too_bright(head, side)
         assert left is not None
         assert right is not None
         lines.append((left, right))
@@ -174,15 +175,6 @@ def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -
     return None
 
 
-def _too_bright(head: HeadCalibration, side: str) -> Refusal:
-    return Refusal(
-        RefusalCode.HEAD_SATURATED,
-        f"{head.name} {side}: most of the light lines are at full scale; shorten the exposure "
-        "or shield the station from the sun",
-        head.name,
-    )
-
-
 def _too_many(head: HeadCalibration, side: str) -> Refusal:
     return Refusal(
         RefusalCode.TOO_MANY_LINES,
@@ -198,26 +190,6 @@ def _is_white(image: Image) -> bool:
     65535, but none below 1023."""
     top = 255 if image.dtype == np.uint8 else max(int(image.max()), _LEAST_FULL_SCALE)
     return float(np.mean(image >= top)) > _WHITE_SHARE
-
-
-def _no_light(image: Image, head: HeadCalibration, side: str) -> Refusal:
-    return Refusal(
-        RefusalCode.HEAD_DARK,
-        f"{head.name} {side}: no light lines (brightest pixel {int(image.max())}); check projector, "
-        "lens cap, exposure, and that a wheel stands in front of the head",
-        head.name,
-    )
-
-
-def _no_match(candidates: Candidates, head: HeadCalibration, settings: MeasureSettings) -> Refusal:
-    lo, hi = settings.depth_range_mm
-    return Refusal(
-        RefusalCode.NO_CORRESPONDENCE,
-        f"{head.name}: only {len(candidates.points)} of {candidates.offered} line points have a partner "
-        f"between z = {lo:g} and {hi:g} mm; check that left and right images are not swapped, that the head "
-        "has not moved since its calibration, and that the wheel is in place",
-        head.name,
-    )
 
 
 def _full_scale_share(image: Image, lines: LightLines) -> float:
@@ -269,7 +241,7 @@ def _evaluate(
     if isinstance(angles, Refusal):
         return angles
     if judgement.knocked:
-        return _knocked(judgement, rig)
+        return knocked(judgement, rig)
     turn = _angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     if loaded is not None:
         covariance = covariance + loaded.covariance
@@ -291,7 +263,7 @@ def _evaluate(
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
         knock_evidence=judgement.evidence,
-        warning=_warning(judgement, rig) if judgement.suspected else None,
+        warning=warning(judgement, rig) if judgement.suspected else None,
         unseen=_unseen(judgement),
         load_mm=None if loaded is None else loaded.lift_mm,
         reference=reference,
@@ -368,14 +340,14 @@ def _angles(
     try:
         camber, toe = camber_toe(calibration.vehicle_from_rig.rotation @ normal, calibration.side)
     except DegenerateInputError:
-        return _outside("its plane does not face the heads")
+        return outside("its plane does not face the heads")
     if max(abs(camber), abs(toe)) > settings.maximum_angle:
-        return _outside(
+        return outside(
             f"camber {np.degrees(camber):.2f}°, toe {np.degrees(toe):.2f}°, believable are at most "
             f"±{np.degrees(settings.maximum_angle):.1f}°"
         )
     if np.hypot(centre[0], centre[1]) > _FARTHEST_AXIS:
-        return _outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
+        return outside(f"its axis passes the rig's by ({centre[0]:.0f}, {centre[1]:.0f}) mm")
     return camber, toe
 
 
@@ -384,31 +356,6 @@ def _angles_by_normal(normal: Array, calibration: RigCalibration) -> Array:
     rotation = calibration.vehicle_from_rig.rotation
     out: Array = camber_toe_jacobian(rotation @ normal, calibration.side) @ rotation
     return out
-
-
-def _too_few(
-    numbers: Array, matched: list[Candidates], rig: PreparedRig, settings: MeasureSettings
-) -> Refusal | None:
-    """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
-    for number, candidates, head in zip(numbers, matched, rig.heads, strict=True):
-        count = int(number)
-        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
-            return Refusal(
-                RefusalCode.TOO_FEW_POINTS,
-                f"{head.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
-                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
-                "obstacle, or a head that moved since its calibration",
-                head.name,
-            )
-    share = int(numbers.sum()) / sum(candidates.offered for candidates in matched)
-    if share < _LEAST_OF_ALL:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
-            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
-            "the calibration is the rig's",
-        )
-    return None
 
 
 def _plane(
@@ -452,40 +399,11 @@ def _qualities(
     return tuple(out)
 
 
-def _seen(judgement: Judgement) -> str:
-    """Figures of a judgement, in words."""
-    row, sigma = judgement.row_px[judgement.head], judgement.row_sigma_px[judgement.head]
-    rows = f"its rows differ by {row:.2f} px, noise and calibration make {sigma:.2f}"
-    if math.isnan(row):
-        rows = "too few crosses of light lines for its rows"
-    return f"evidence {judgement.evidence or 0.0:.0f}, refused above {KNOCKED:.0f}; {rows}"
-
-
 def _unseen(judgement: Judgement) -> tuple[float, float] | None:
     if judgement.unseen is None:
         return None
     camber, toe = map(float, judgement.unseen)
     return camber, toe
-
-
-def _knocked(judgement: Judgement, rig: PreparedRig) -> Refusal:
-    name = rig.heads[judgement.head].name
-    return Refusal(
-        RefusalCode.HEAD_MOVED,
-        f"{name} does not fit its calibration and the other heads: a movement of {judgement.suspect} would "
-        f"explain it ({_seen(judgement)}); check that it has not been knocked and that all images are of one "
-        "exposure, and calibrate again",
-        name,
-    )
-
-
-def _warning(judgement: Judgement, rig: PreparedRig) -> str:
-    camber, toe = (60.0 * math.degrees(angle) for angle in judgement.angles)
-    return (
-        f"{rig.heads[judgement.head].name} is suspect: a movement of {judgement.suspect} would "
-        f"explain the shot ({_seen(judgement)}) and change camber by {camber:+.2f}′ and toe by {toe:+.2f}′, "
-        "which the uncertainty covers; check the calibration"
-    )
 
 
 def _rms(plane: PlaneFit) -> float:
@@ -494,8 +412,26 @@ def _rms(plane: PlaneFit) -> float:
     return float(np.sqrt(np.average(np.square(plane.residuals[used]), weights=plane.weights[used])))
 
 
-def _outside(what: str) -> Refusal:
-    return Refusal(
-        RefusalCode.OUTSIDE_VOLUME,
-        f"the wheel is outside the measuring volume: {what}; check its position and the calibration's rig",
-    )
+def _too_few(
+    numbers: Array, matched: list[Candidates], rig: PreparedRig, settings: MeasureSettings
+) -> Refusal | None:
+    """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
+    for number, candidates, head in zip(numbers, matched, rig.heads, strict=True):
+        count = int(number)
+        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
+            return Refusal(
+                RefusalCode.TOO_FEW_POINTS,
+                f"{head.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
+                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
+                "obstacle, or a head that moved since its calibration",
+                head.name,
+            )
+    share = int(numbers.sum()) / sum(candidates.offered for candidates in matched)
+    if share < _LEAST_OF_ALL:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
+            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
+            "the calibration is the rig's",
+        )
+    return None

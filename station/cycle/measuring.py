@@ -328,16 +328,9 @@ class MeasuringCycle:
             self._arm(ready)
             return late
         with Adjusting(
-            self._wheel_threads,
-            cycle,
-            ready,
-            self._coverage_factor,
-            self._line,
-            self._clock,
-            last_s,
-            self._frame,
-            before,
-        ) as adjusting:
+            self._wheel_threads, cycle, ready, self._coverage_factor, self._line, self._clock, last_s,
+            self._frame, before,
+        ) as adjusting:  # fmt: skip
             while not cycle.interrupted:
                 adjusting.step(POLL_S)
                 command = self._line.next_command(0.0)
