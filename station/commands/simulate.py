@@ -29,71 +29,91 @@ class LoadShapeOption(StrEnum):
     WAVE = "wave"
 
 
+_Camber = Annotated[float, typer.Option(help="Camber of the spin axis, degrees.", min=-10, max=10)]
+_Toe = Annotated[float, typer.Option(help="Toe of the spin axis, degrees.", min=-10, max=10)]
+_Seed = Annotated[int, typer.Option(help="Of rig, tyre and noise.", min=0, max=2**32 - 1)]
+_Out = Annotated[Path, typer.Option(help="New folder for shot, truth and calibration.")]
+_Side = Annotated[SideOption, typer.Option(help="Side of the vehicle.")]
+_Spin = Annotated[float, typer.Option(help="Turn of the wheel, degrees.", min=-3600, max=3600)]
+_Runout = Annotated[
+    float, typer.Option(help="Angle between tyre plane and spin axis, degrees.", min=0, max=5)
+]
+_RunoutPhase = Annotated[
+    float, typer.Option(help="Where in the wheel the tyre leans to, degrees.", min=-360, max=360)
+]
+_SecondHarmonic = Annotated[
+    float, typer.Option(help="Second harmonic of the tyre's run-out, peak to peak.", min=0, max=5)
+]
+_RimRunout = Annotated[
+    float, typer.Option(help="Run-out of the rim, peak to peak at its edge.", min=0, max=5)
+]
+_Offset = Annotated[
+    tuple[float, float, float],
+    typer.Option(
+        help="Position of the wheel's centre in the rig frame, millimetres: 3 -2 4.",
+        metavar="X Y Z",
+        show_default="0 0 0",
+    ),
+]
+_LoadMm = Annotated[
+    float,
+    typer.Option(help="Bulge of the sidewall over the contact patch, millimetres.", min=0, max=30),
+]
+_LoadWidth = Annotated[
+    float,
+    typer.Option(help="Half width of the bulge: a Gaussian's sigma, degrees.", min=5, max=60),
+]
+_LoadShape = Annotated[LoadShapeOption, typer.Option(help="How the bulge falls off; a wave swings back.")]
+_SideForce = Annotated[
+    float, typer.Option(help="Shift of the tread by side force, outboard positive.", min=-30, max=30)
+]
+_Longitudinal = Annotated[
+    float,
+    typer.Option(help="Bulge ahead of the contact patch by longitudinal force.", min=-10, max=10),
+]
+_Turns = Annotated[
+    int, typer.Option(help="Exposures of a wheel that rollers turn; 0: one that stands.", min=0, max=99)
+]
+_Speed = Annotated[
+    float,
+    typer.Option(help="With --turns: of the wheel, degrees per second, forward.", min=-720, max=720),
+]
+_Interval = Annotated[
+    float, typer.Option(help="With --turns: mean time between exposures.", min=0.01, max=10)
+]
+_WanderMm = Annotated[float, typer.Option(help="With --turns: most that the centre wanders.", min=0, max=20)]
+_WanderDeg = Annotated[
+    float, typer.Option(help="With --turns: most that camber and toe wander.", min=0, max=2)
+]
+_Config = Annotated[
+    Path | None, typer.Option(help="TOML with rig, tyre, light and noise.", show_default=False)
+]
+
+
 @simulate_app.command("wheel")
 def simulate_wheel_command(
-    camber: Annotated[float, typer.Option(help="Camber of the spin axis, degrees.", min=-10, max=10)],
-    toe: Annotated[float, typer.Option(help="Toe of the spin axis, degrees.", min=-10, max=10)],
-    seed: Annotated[int, typer.Option(help="Of rig, tyre and noise.", min=0, max=2**32 - 1)],
-    out: Annotated[Path, typer.Option(help="New folder for shot, truth and calibration.")],
-    side: Annotated[SideOption, typer.Option(help="Side of the vehicle.")] = SideOption.LEFT,
-    spin: Annotated[float, typer.Option(help="Turn of the wheel, degrees.", min=-3600, max=3600)] = 0.0,
-    runout: Annotated[
-        float, typer.Option(help="Angle between tyre plane and spin axis, degrees.", min=0, max=5)
-    ] = 0.0,
-    runout_phase: Annotated[
-        float, typer.Option(help="Where in the wheel the tyre leans to, degrees.", min=-360, max=360)
-    ] = 0.0,
-    second_harmonic_mm: Annotated[
-        float, typer.Option(help="Second harmonic of the tyre's run-out, peak to peak.", min=0, max=5)
-    ] = 0.0,
-    rim_runout_mm: Annotated[
-        float, typer.Option(help="Run-out of the rim, peak to peak at its edge.", min=0, max=5)
-    ] = 0.0,
-    offset: Annotated[
-        tuple[float, float, float],
-        typer.Option(
-            help="Position of the wheel's centre in the rig frame, millimetres: 3 -2 4.",
-            metavar="X Y Z",
-            show_default="0 0 0",
-        ),
-    ] = (0.0, 0.0, 0.0),
-    load_mm: Annotated[
-        float,
-        typer.Option(help="Bulge of the sidewall over the contact patch, millimetres.", min=0, max=30),
-    ] = 0.0,
-    load_width_deg: Annotated[
-        float,
-        typer.Option(help="Half width of the bulge: a Gaussian's sigma, degrees.", min=5, max=60),
-    ] = 24.0,
-    load_shape: Annotated[
-        LoadShapeOption, typer.Option(help="How the bulge falls off; a wave swings back.")
-    ] = LoadShapeOption.GAUSSIAN,
-    side_force_mm: Annotated[
-        float, typer.Option(help="Shift of the tread by side force, outboard positive.", min=-30, max=30)
-    ] = 0.0,
-    longitudinal_mm: Annotated[
-        float,
-        typer.Option(help="Bulge ahead of the contact patch by longitudinal force.", min=-10, max=10),
-    ] = 0.0,
-    turns: Annotated[
-        int, typer.Option(help="Exposures of a wheel that rollers turn; 0: one that stands.", min=0, max=99)
-    ] = 0,
-    speed_deg_s: Annotated[
-        float,
-        typer.Option(help="With --turns: of the wheel, degrees per second, forward.", min=-720, max=720),
-    ] = 170.0,
-    interval_s: Annotated[
-        float, typer.Option(help="With --turns: mean time between exposures.", min=0.01, max=10)
-    ] = 0.14,
-    wander_mm: Annotated[
-        float, typer.Option(help="With --turns: most that the centre wanders.", min=0, max=20)
-    ] = 1.0,
-    wander_deg: Annotated[
-        float, typer.Option(help="With --turns: most that camber and toe wander.", min=0, max=2)
-    ] = 0.05,
-    config: Annotated[
-        Path | None, typer.Option(help="TOML with rig, tyre, light and noise.", show_default=False)
-    ] = None,
+    camber: _Camber,
+    toe: _Toe,
+    seed: _Seed,
+    out: _Out,
+    side: _Side = SideOption.LEFT,
+    spin: _Spin = 0.0,
+    runout: _Runout = 0.0,
+    runout_phase: _RunoutPhase = 0.0,
+    second_harmonic_mm: _SecondHarmonic = 0.0,
+    rim_runout_mm: _RimRunout = 0.0,
+    offset: _Offset = (0.0, 0.0, 0.0),
+    load_mm: _LoadMm = 0.0,
+    load_width_deg: _LoadWidth = 24.0,
+    load_shape: _LoadShape = LoadShapeOption.GAUSSIAN,
+    side_force_mm: _SideForce = 0.0,
+    longitudinal_mm: _Longitudinal = 0.0,
+    turns: _Turns = 0,
+    speed_deg_s: _Speed = 170.0,
+    interval_s: _Interval = 0.14,
+    wander_mm: _WanderMm = 1.0,
+    wander_deg: _WanderDeg = 0.05,
+    config: _Config = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Render one wheel: a shot or turn_01 …, truth.json, and calibration.json with the true cameras."""
