@@ -128,7 +128,11 @@ class Tyre:
 
     @property
     def outermost_mm(self) -> float:
-        """Height of the outermost ring of the sidewall in the air, without letters, bands and ribs."""
+        """Height of the outermost ring of the sidewall in the air, where its section width is taken.
+
+        Narrow ridges and letters do not count, as in ISO 4000-1: "excluding elevations due to labelling,
+        decoration or protective bands or ribs".
+        """
         first = round((self.rim_edge_mm - HUB_RADIUS_MM) / PROFILE_STEP_MM)
         knots = self.smooth_profile
         return float((knots[:-2] + 4.0 * knots[1:-1] + knots[2:])[first - 1 :].max() / 6.0)

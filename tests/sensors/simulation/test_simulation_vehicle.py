@@ -97,7 +97,10 @@ def test_the_truth_is_where_the_scenes_put_the_wheels(stand: SimulatedStand) -> 
         assert math.degrees(camber) == pytest.approx(found.wheels[wheel].camber_deg, abs=1e-9)
         assert math.degrees(toe) == pytest.approx(found.wheels[wheel].stand_toe_deg, abs=1e-9)
         radius = np.linspace(scene.tyre.rim_edge_mm, scene.tyre.outer_radius_mm - 1.0, 4001)
-        plain = replace(scene.tyre, surface=scene.tyre.surface._replace(relief=np.zeros((4, 8), np.float32)))
+        bare = scene.tyre.surface._replace(
+            profile=scene.tyre.smooth_profile, relief=np.zeros((4, 8), np.float32)
+        )
+        plain = replace(scene.tyre, surface=bare)  # a section width counts neither ridges nor letters
         highest = plain.height(np.column_stack([radius, np.zeros_like(radius)]))[0].max()
         reference = pose.apply(np.array([0.0, 0.0, highest]))
         np.testing.assert_allclose(found.wheels[wheel].reference_mm, reference, atol=1e-3)
