@@ -130,8 +130,8 @@ class Tyre:
     def outermost_mm(self) -> float:
         """Height of the outermost ring of the sidewall in the air, where its section width is taken.
 
-        Narrow ridges and letters do not count, as in ISO 4000-1: "excluding elevations due to labelling,
-        decoration or protective bands or ribs".
+        Ridges and letters do not count: what UN Regulation 30 calls the section width leaves out elevations by
+        marking, decoration and protective ribs.
         """
         first = round((self.rim_edge_mm - HUB_RADIUS_MM) / PROFILE_STEP_MM)
         knots = self.smooth_profile
