@@ -130,7 +130,7 @@ class Tyre:
     def outermost_mm(self) -> float:
         """Height of the outermost ring of the sidewall in the air, where its section width is taken.
 
-        Ridges and letters do not count: what UN Regulation 30 calls the section width leaves out elevations by
+        Ridges and letters do not count: the section width of UN Regulation 30 leaves out elevations by
         marking, decoration and protective ribs.
         """
         first = round((self.rim_edge_mm - HUB_RADIUS_MM) / PROFILE_STEP_MM)
