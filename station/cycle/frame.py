@@ -59,6 +59,12 @@ def geometry_of(
     if frame is None or not whole_vehicle(results):
         return None, None
     axes = {name: axis for name in FOUR_WHEELS if (axis := results[name].axis) is not None}
+    placeless = [name for name in FOUR_WHEELS if results[name].measurement is not None and name not in axes]
+    if placeless:
+        return None, (
+            f"expected the places of all four wheels, found none of {', '.join(placeless)}: the outermost "
+            "ring of the sidewall was not seen; check that the heads see the widest part of the tyre"
+        )
     if len(axes) < len(FOUR_WHEELS):
         return None, None
     try:

@@ -203,6 +203,17 @@ def test_wheel_without_a_place_is_refused_where_toes_refer_to_the_vehicle(askew:
     assert report.told is Outcome.FAULT
 
 
+def test_length_that_is_judged_and_cannot_be_known_is_a_fault_that_says_so() -> None:
+    """Of a stand that clamps the vehicle toes stand, and a track without a place is no pass."""
+    with bench_of("stand") as bench:
+        bench.found["front_right"] = replace(seen(0.0)["front_right"], reference=None)
+        report = bench.trigger()
+    assert report is not None
+    assert report.record.outcome is CycleOutcome.FAULT
+    assert "places of all four wheels, found none of front_right" in str(report.record.reason_text)
+    assert report.told is Outcome.FAULT
+
+
 def test_wheels_that_make_no_vehicle_are_a_fault_that_says_so(askew: Bench) -> None:
     """A vehicle turned by 12° is none; its wheels alone are good."""
     askew.found = {
