@@ -25,14 +25,16 @@ from alignment.wheel.spin import SpinMeasurement
 _MOST_POINTS = 4000  # tell where the profile is known, and how well
 _SUPPORT = 0.2  # of the weight that intervals have at the median, below which the profile is a guess
 _FEWEST_PLACES = 4  # of a turning wheel
-_PER_STEP = 4  # heights that are looked at from knot to knot
+_PER_STEP = 2  # heights that are looked at from knot to knot
 _BROAD_MM = 15.0  # ribs and grooves that are narrower than half of that do not say where the crest is
 _CREST_MM = 25.0  # to both sides of the highest place, where the form of the sidewall is a polynomial
 _DEGREE = 4
+_AROUND_MM = 8.0  # to both sides of a crest; what is seen of less tells of no ring
+_FEWEST_HEIGHTS = 15  # for that polynomial
 _FLOOR_MM = 0.02  # least scale of what leaves that form
-_LEAST, _TUKEY = 15, 6  # rounds by least absolute values, and by Tukey's biweight after them
+_LEAST, _TUKEY = 10, 4  # rounds by least absolute values, and by Tukey's biweight after them
 _CUT = 3.0
-_PLACES, _EDGE_SHARE = 2001, 0.05  # that are tried for the crest; nearer to an end of them it is none
+_PLACES, _EDGE_SHARE = 501, 0.05  # that are tried for the crest; nearer to an end of them it is none
 _FORM = 0.5  # of the scale that ribs leave: how far they may shift the crest, one standard deviation
 
 
@@ -197,29 +199,37 @@ def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
 
     Of heights (n,) at places (n,), millimetres; None where the profile rises to its ends.
     """
+    if len(place) < _FEWEST_HEIGHTS:
+        return None
     step = float(np.median(np.diff(place)))
     broad = median_filter(height, size=2 * round(0.5 * _BROAD_MM / step) + 1, mode="nearest")
     top = float(place[int(broad.argmax())])
     near = np.abs(place - top) < _CREST_MM
+    if near.sum() < _FEWEST_HEIGHTS:
+        return None
     x, z = (place[near] - top) / _CREST_MM, height[near]
     rows = np.vander(x, _DEGREE + 1)
     weight = np.ones(len(x))
     scale = _FLOOR_MM
     left = z
     for round_ in range(_LEAST + _TUKEY):
-        root = np.sqrt(weight)
-        form = np.linalg.lstsq(rows * root[:, None], z * root, rcond=None)[0]
+        weighted = weight * rows.T
+        form = np.linalg.solve(weighted @ rows, weighted @ z)
         left = z - rows @ form
-        scale = max(deviation_of(left), _FLOOR_MM)
-        weight = 1.0 / np.maximum(np.abs(left), _FLOOR_MM)
-        if round_ >= _LEAST - 1:
+        if round_ < _LEAST - 1:
+            weight = 1.0 / np.maximum(np.abs(left), _FLOOR_MM)
+        else:
+            scale = max(deviation_of(left), _FLOOR_MM)
             weight = np.maximum(1.0 - np.square(left / (_CUT * scale)), 0.0) ** 2
     fine = np.linspace(max(x[0], -1.0), min(x[-1], 1.0), _PLACES)
     heights = np.vander(fine, _DEGREE + 1) @ form
     best = int(heights.argmax())
     if not _EDGE_SHARE * _PLACES < best < (1.0 - _EDGE_SHARE) * _PLACES:
         return None
-    return top + _CREST_MM * float(fine[best]), float(heights[best]), _FORM * scale
+    at = top + _CREST_MM * float(fine[best])
+    if min(at - place[0], place[-1] - at) < _AROUND_MM:
+        return None
+    return at, float(heights[best]), _FORM * scale
 
 
 def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
