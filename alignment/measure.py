@@ -15,7 +15,7 @@ from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.prepared import PreparedRig
-from alignment.refusals import knocked, no_light, no_match, outside, too_bright, warning
+from alignment.refusals import head_knocked, no_light, no_match, outside, too_bright, warning
 from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.pool import PointPool
 from alignment.stereo.rows import row_fields
@@ -241,7 +241,7 @@ def _evaluate(
     if isinstance(angles, Refusal):
         return angles
     if judgement.knocked:
-        return knocked(judgement, rig)
+        return head_knocked(judgement, rig)
     turn = _angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     if loaded is not None:
         covariance = covariance + loaded.covariance

@@ -51,7 +51,7 @@ def _seen(judgement: Judgement) -> str:
     return f"evidence {judgement.evidence or 0.0:.0f}, refused above {KNOCKED:.0f}; {rows}"
 
 
-def knocked(judgement: Judgement, rig: PreparedRig) -> Refusal:
+def head_knocked(judgement: Judgement, rig: PreparedRig) -> Refusal:
     """Of a shot that nothing but a knock, or mixed pictures, explain."""
     name = rig.heads[judgement.head].name
     return Refusal(
