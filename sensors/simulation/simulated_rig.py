@@ -40,8 +40,11 @@ def true_calibration(rig: str, side: Side, preset: str, seed: int) -> RigCalibra
 
 
 def standing(calibration: RigCalibration, vehicle_from_rig: RigidTransform) -> RigCalibration:
-    """Return the true calibration of a rig that stands there, with an identity of its own."""
-    placed = replace(calibration, vehicle_from_rig=vehicle_from_rig)
+    """Return the true calibration of a rig that stands there, with an identity of its own.
+
+    Its true pose is known, as one that a gauge frame measured: such rigs stand in one frame.
+    """
+    placed = replace(calibration, vehicle_from_rig=vehicle_from_rig, vehicle_from_rig_measured=True)
     return replace(placed, id=f"simulated-{placed.rig}-{content_digest(placed, in_vehicle=True)[:12]}")
 
 

@@ -150,10 +150,14 @@ def warmed(rng: np.random.Generator) -> dict[str, Array]:
 
 
 def measured_axes(
-    vehicle: DrawnVehicle, covariances: Mapping[str, Array], rng: np.random.Generator
+    vehicle: DrawnVehicle,
+    covariances: Mapping[str, Array],
+    rng: np.random.Generator,
+    *,
+    warm: bool = True,
 ) -> dict[str, WheelAxis]:
     """What the rigs would see: each wheel off by a draw from its covariance (5, 5), and by the warm stand."""
-    heat = warmed(rng)
+    heat = warmed(rng) if warm else dict.fromkeys(FOUR_WHEELS, np.zeros(5))
     out = {}
     for name in FOUR_WHEELS:
         values, vectors = np.linalg.eigh(covariances[name])
