@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.judgement import Judgement, judge, unjudged
+from alignment.calibration.judgement import Judgement
 from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
+from alignment.measure_heads import HeadSums, angles_by_normal, told_apart
 from alignment.prepared import PreparedRig
 from alignment.refusals import head_knocked, no_light, no_match, outside, too_bright, warning
 from alignment.stereo.correspondence import Candidates, match_heads
 from alignment.stereo.pool import PointPool
-from alignment.stereo.rows import row_fields
 from alignment.stereo.surface import plane_hypotheses
 from alignment.values import (
     HeadCalibration,
@@ -31,31 +31,18 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
-from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
-from alignment.wheel.agreement import MOVES, HeadMoves, head_moves, head_sums
-from alignment.wheel.load import LoadedWheel, carry
+from alignment.vehicle.angles import camber_toe
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.reference import wheel_reference
 from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
 
-_WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
-_LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
-_LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
-# A head whose patch of the tyre would fit better elsewhere moved: by more than the errors of the calibration
-# explain (`PreparedRig.worst_misfit`) and the noise of the head's points, which five movements fit a little.
-_DEVIATIONS, _MOVEMENTS = 3.0, 5
 _SOME = 4  # line points of which one tells of the light
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a lamp in view
 _LEAST_FULL_SCALE = 1023  # of a camera whose images have 16 bit
 _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
-_DOUBT = 0.0  # evidence that something moved from which a load is looked for
-_LEAD = (
-    5.0  # natural logarithm of how much likelier a load must be than moved heads, or intact ones without it
-)
-_DOWN = np.array([0.0, 0.0, -1.0])  # vehicle frame
 
 
 def measure_wheel(
@@ -206,34 +193,14 @@ def _evaluate(
     settings: MeasureSettings,
 ) -> WheelMeasurement | Refusal:
     """Ask whether the surface is a wheel before intact heads, and take its angles from it."""
-    fit, pool = surface.fit, surface.points
-    numbers, weights, misfit = head_sums(pool.head, len(matched), fit.weights, fit.residuals)
-    wrong = _too_few(numbers, matched, rig, settings)
-    if wrong is not None:
-        return wrong
-    rms = math.sqrt(misfit.sum() / weights.sum())
-    if rms > _WORST_RMS:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
-            "check the calibration and what stands in front of the heads",
-        )
-    moves = head_moves(pool.points, pool.head, len(matched), fit)
-    judgement = _judged(lines, matched, surface, moves, rms, rig)
-    loaded = None
-    if _doubtful(moves, numbers, rms, judgement, rig):
-        loaded = _loaded(everything, surface, rig)
-    if loaded is not None:
-        surface, rms = loaded.surface, loaded.noise
-        fit, pool = surface.fit, surface.points
-        numbers, weights, misfit = head_sums(pool.head, len(matched), fit.weights, fit.residuals)
-        moves = loaded.moves
-        judgement = _judged(lines, matched, surface, moves, rms, rig)
-    wrong = _moved(moves, numbers, rms, judgement, rig)
-    if wrong is not None:
-        return wrong
+    told = told_apart(lines, matched, everything, surface, rig, settings)
+    if isinstance(told, Refusal):
+        return told
+    loaded, judgement = told
+    surface = surface if loaded is None else loaded.surface
+    sums = HeadSums.of(surface, len(matched))
     try:
-        normal, covariance, tilt_axes, rms = _plane(surface, rms, len(matched), settings)
+        normal, covariance, tilt_axes, rms = _plane(surface, sums.rms, len(matched), settings)
     except DegenerateInputError as error:
         return Refusal(RefusalCode.TOO_FEW_POINTS, f"the light lines show no circular ridge: {error}")
     centre = _centre(surface, normal)
@@ -242,14 +209,14 @@ def _evaluate(
         return angles
     if judgement.knocked:
         return head_knocked(judgement, rig)
-    turn = _angles_by_normal(normal, rig.calibration) @ tilt_axes.T
+    turn = angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     if loaded is not None:
         covariance = covariance + loaded.covariance
     noise = turn @ covariance @ turn.T
     common = rig.angle_covariance
     reference = None
     if settings.method == "revolution":
-        reference = wheel_reference(fit, pool.points, rig.calibration, rig.axis_covariance)
+        reference = wheel_reference(surface.fit, surface.points.points, rig.calibration, rig.axis_covariance)
     return WheelMeasurement(
         camber=angles[0],
         toe=angles[1],
@@ -257,9 +224,9 @@ def _evaluate(
         normal=normal,
         centre=centre,
         offset_mm=float(centre @ normal),
-        points_used=int(np.count_nonzero(fit.weights > 0)),
+        points_used=int(np.count_nonzero(surface.fit.weights > 0)),
         residual_rms_mm=rms,
-        heads=_qualities(numbers, weights, misfit, lines, matched, judgement, rig),
+        heads=_qualities(sums, lines, matched, judgement, rig),
         method=f"tyre_plane/{settings.method}",
         coverage_factor=settings.coverage_factor,
         knock_evidence=judgement.evidence,
@@ -268,60 +235,6 @@ def _evaluate(
         load_mm=None if loaded is None else loaded.lift_mm,
         reference=reference,
         load_covariance=None if loaded is None else turn @ loaded.covariance @ turn.T,
-    )
-
-
-def _doubtful(moves: HeadMoves, numbers: Array, rms: float, judgement: Judgement, rig: PreparedRig) -> bool:
-    """Tell whether the heads disagree so much that a load may be what they see."""
-    return (judgement.evidence or 0.0) > _DOUBT or _moved(moves, numbers, rms, judgement, rig) is not None
-
-
-def _loaded(pool: PointPool, surface: WheelSurface, rig: PreparedRig) -> LoadedWheel | None:
-    """Take a load off the wheel, where that explains what the heads see better than a head that moved."""
-    down = rig.calibration.vehicle_from_rig.rotation.T @ _DOWN
-    model, amounts = rig.knock_model, MOVES * len(rig.heads)
-    knocks = [] if model is None else [knock.signs[:amounts] for knock in model.knocks]
-    known = None
-    if model is not None and rig.calibration.covariance is not None:
-        known = model.covariance[:amounts, :amounts]
-    loaded = carry(pool, surface, rig.image_axes, down, known, knocks)
-    return loaded if loaded is not None and loaded.lead > _LEAD else None
-
-
-def _judged(
-    lines: Sequence[tuple[LightLines, LightLines]],
-    matched: list[Candidates],
-    surface: WheelSurface,
-    moves: HeadMoves,
-    rms: float,
-    rig: PreparedRig,
-) -> Judgement:
-    """Weigh the signs of knocked cameras and mixed pictures."""
-    fit, model = surface.fit, rig.knock_model
-    if model is None:
-        return unjudged(len(matched))
-    rows = row_fields(lines, matched, surface.chosen, rig.row_views, fit.height)
-    turn = _angles_by_normal(fit.normal, rig.calibration) @ fit.tilt_axes.T
-    return judge(moves, rms, rows, model, fit.normal, turn)
-
-
-def _moved(
-    moves: HeadMoves, numbers: Array, rms: float, judgement: Judgement, rig: PreparedRig
-) -> Refusal | None:
-    """Refuse a head whose patch would fit better elsewhere by more than noise and calibration explain."""
-    misfits = moves.misfits()
-    limits = rig.worst_misfit + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
-    worst = int((misfits - limits).argmax())
-    if misfits[worst] <= limits[worst]:
-        return None
-    # What explains all signs is likelier to blame than the head that is off the most.
-    name = rig.heads[judgement.head if judgement.knocked else worst].name
-    return Refusal(
-        RefusalCode.HEAD_MOVED,
-        f"{name} does not fit the other heads: a movement of whole heads explains "
-        f"{1e3 * misfits[worst]:.0f} µm of the residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
-        "check that it has not been knocked, and calibrate again",
-        name,
     )
 
 
@@ -351,13 +264,6 @@ def _angles(
     return camber, toe
 
 
-def _angles_by_normal(normal: Array, calibration: RigCalibration) -> Array:
-    """(2, 3) change of camber and toe by a change of the normal, rig frame."""
-    rotation = calibration.vehicle_from_rig.rotation
-    out: Array = camber_toe_jacobian(rotation @ normal, calibration.side) @ rotation
-    return out
-
-
 def _plane(
     surface: WheelSurface, rms: float, heads: int, settings: MeasureSettings
 ) -> tuple[Array, Array, Array, float]:
@@ -374,9 +280,7 @@ def _plane(
 
 
 def _qualities(
-    numbers: Array,
-    weights: Array,
-    misfit: Array,
+    sums: HeadSums,
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     judgement: Judgement,
@@ -388,9 +292,11 @@ def _qualities(
         out.append(
             HeadQuality(
                 name=head.name,
-                points=int(numbers[k]),
+                points=int(sums.numbers[k]),
                 points_offered=candidates.offered,
-                residual_rms_mm=math.sqrt(misfit[k] / weights[k]) if weights[k] > 0.0 else 0.0,
+                residual_rms_mm=math.sqrt(sums.squares[k] / sums.weights[k])
+                if sums.weights[k] > 0.0
+                else 0.0,
                 row_px=None if math.isnan(row) else row,
                 row_sigma_px=None if math.isnan(sigma) else sigma,
                 share_looked_at=min(each.share for each in lines[k]) / candidates.every,
@@ -410,28 +316,3 @@ def _rms(plane: PlaneFit) -> float:
     """Weighted root mean square of a plane's residuals, millimetres."""
     used = plane.weights > 0
     return float(np.sqrt(np.average(np.square(plane.residuals[used]), weights=plane.weights[used])))
-
-
-def _too_few(
-    numbers: Array, matched: list[Candidates], rig: PreparedRig, settings: MeasureSettings
-) -> Refusal | None:
-    """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
-    for number, candidates, head in zip(numbers, matched, rig.heads, strict=True):
-        count = int(number)
-        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
-            return Refusal(
-                RefusalCode.TOO_FEW_POINTS,
-                f"{head.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
-                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
-                "obstacle, or a head that moved since its calibration",
-                head.name,
-            )
-    share = int(numbers.sum()) / sum(candidates.offered for candidates in matched)
-    if share < _LEAST_OF_ALL:
-        return Refusal(
-            RefusalCode.NOT_A_WHEEL,
-            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
-            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
-            "the calibration is the rig's",
-        )
-    return None

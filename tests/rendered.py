@@ -11,6 +11,7 @@ import numpy as np
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import HeadCalibration, RigCalibration, StereoImages
+from sensors.formats.truth import TyreLoad
 from sensors.simulation.render import simulate_shot
 from sensors.simulation.rigs import RIG_SPECS, build_rig
 from sensors.simulation.scene import WheelScene, draw_pose, draw_scene
@@ -71,3 +72,19 @@ def turned_head(calibration: RigCalibration, head: int, turn_deg: float) -> RigC
     middle = np.mean(centres, axis=0)
     turn = RigidTransform.from_rotvec(np.array([math.radians(turn_deg), 0.0, 0.0]), middle)
     return moved(calibration, turn @ RigidTransform(np.eye(3), -middle), head)
+
+
+@cache
+def loaded_scene() -> WheelScene:
+    """The same wheel on the road: a bulge of 6 mm."""
+    return replace(scene(), load=TyreLoad(6.0, 24.0, "wave"))
+
+
+@once
+def _loaded_pairs() -> tuple[StereoImages, ...]:
+    return tuple(simulate_shot(loaded_scene(), rig(), np.random.default_rng(1)).images)
+
+
+def loaded_images() -> list[StereoImages]:
+    """Images of it, as `images`."""
+    return [StereoImages(pair.left.copy(), pair.right.copy()) for pair in _loaded_pairs()]

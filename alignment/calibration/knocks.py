@@ -66,6 +66,13 @@ class KnockModel:
     knocks: tuple[Knock, ...]
     row_weights: Array
 
+    def beside_load(self, rise_mm: float) -> KnockModel:
+        """What is to be expected where each head's patch of the tyre may rise by ±`rise_mm` besides, as what
+        the shapes of a load do not follow makes it."""
+        more = np.zeros(len(self.covariance))
+        more[: MOVES * len(self.row_weights) : MOVES] = rise_mm**2
+        return KnockModel(self.covariance + np.diag(more), self.knocks, self.row_weights)
+
     @cached_property
     def responses(self) -> Array:
         """(10 H, 6 K) `Knock.signs` of all, side by side."""

@@ -17,16 +17,19 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import nearest_candidates
-from alignment.wheel.agreement import HeadMoves, head_moves
+from alignment.wheel.agreement import MOVES, HeadMoves, head_moves
 from alignment.wheel.load_cells import Cells, condense
 from alignment.wheel.load_model import LoadModel, fit_load
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.search import SURFACE_GATE, WheelSurface, fit_chosen
 
 _ROUNDS = 7
-_SETTLED = 6e-7  # radians, 0.002′, by which the axis still turns
+_KNOWN = 2  # round in which the noise is known, so that what is left over shows whether there is side force
+_SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
-_FEWEST_CELLS = 100
+_FIRST_GATE = 8.0  # mm; by so much a head may be off a surface that others fit; a ghost is farther
+_FEWEST_CELLS = 20  # of each head
+_UNDETERMINED = 1e-6  # of a head's own movements, below which load and axis leave nothing of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class LoadedWheel:
     moves
         What the heights say of movements of the heads, once the load is free to explain them.
     noise
-        Standard deviation of a height of weight 1 in them, millimetres.
+        As `LoadModel.noise`.
     lift_mm
         Most by which the load lifts or lowers the sidewall where the heads see it, millimetres.
     covariance
@@ -64,6 +67,26 @@ class LoadedWheel:
     def lead(self) -> float:
         """Natural logarithm of how much likelier a load is than intact heads without, or moved ones."""
         return self.model.gain - max(self.knock_gain, 0.0)
+
+    def misfits(self) -> Array:
+        """(H,) part of the residuals that a movement of each head alone explains, with load and axis free to
+        explain it, RMS over its points, millimetres; as `HeadMoves.misfits` of a wheel without load."""
+        moves = self.moves
+        heads = moves.square.shape[0]
+        together = np.tile(np.eye(MOVES)[:, 1:], (heads, 1))
+        by_axis = moves.normal @ together
+        inner = np.linalg.pinv(together.T @ by_axis, hermitian=True) @ by_axis.T
+        normal, target = moves.normal - by_axis @ inner, moves.target - inner.T @ (together.T @ moves.target)
+        unit = np.sqrt(np.maximum(np.diag(moves.square.reshape(heads, MOVES, MOVES).sum(axis=0)), 1e-30))
+        explained = np.zeros(heads)
+        for head in range(heads):
+            mine = slice(MOVES * head, MOVES * (head + 1))
+            scaled = normal[mine, mine] / np.outer(unit, unit)
+            pull = target[mine] / unit
+            explained[head] = pull @ np.linalg.pinv(scaled, rcond=_UNDETERMINED, hermitian=True) @ pull
+        weight: Array = moves.rings[:, :, 0].sum(axis=0)
+        out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight, 1e-12))
+        return out
 
 
 def carry(
@@ -99,34 +122,39 @@ def carry(
     """
     heads = int(pool.head.max()) + 1
     model: LoadModel | None = None
-    cells, noise, lift = _first_cells(surface)
-    for _ in range(_ROUNDS):
-        if len(cells.ring) < _FEWEST_CELLS:
+    every: LoadModel | None = None
+    cells, lift = _first_cells(pool, surface.fit, heads), np.zeros(1)
+    for number in range(_ROUNDS):
+        if not _enough(cells):
             return None
         before = surface.fit
-        model = fit_load(cells, _contact(before, down), noise, amounts)
+        model = fit_load(
+            cells, _contact(before, down), amounts, model,
+            best_alone=number > _KNOWN, side_force=number >= _KNOWN,
+        )  # fmt: skip
+        every = model if number <= _KNOWN else every
         try:
             surface = _unloaded(pool, before, model, axes)
         except DegenerateInputError:
             return None
-        cells, noise, lift = _cells(surface, model, before)
+        cells, lift = _cells(surface, model, before, heads)
         if np.abs(surface.fit.normal - before.normal).max() < _SETTLED:
             break
     assert model is not None
-    if len(cells.ring) < _FEWEST_CELLS:
+    if not _enough(cells):
         return None
-    model = fit_load(cells, _contact(surface.fit, down), noise, amounts)
+    model = fit_load(cells, _contact(surface.fit, down), amounts, every)
     fit = _turned(surface.fit, model.turn)
     moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
-    normal, target = model.freed_moves(cells, noise)
+    normal, target = model.freed_moves(cells)
     return LoadedWheel(
         surface=replace(surface, fit=fit),
         model=model,
         moves=replace(moves, normal=normal, target=target),
-        noise=noise,
+        noise=model.noise,
         lift_mm=float(np.abs(lift).max()),
         covariance=_positive(model.covariance - model.unloaded),
-        knock_gain=max((model.knock_gain(cells, noise, amounts, knock) for knock in knocks), default=0.0),
+        knock_gain=max((model.knock_gain(cells, amounts, knock) for knock in knocks), default=0.0),
     )
 
 
@@ -141,32 +169,39 @@ def _unloaded(pool: PointPool, fit: RevolutionFit, model: LoadModel, axes: Array
     """Choose the candidates and fit the wheel as it would be without the load."""
     lift = model.height((pool.points - fit.centre) @ fit.tilt_axes.T)
     still = replace(pool, points=pool.points - lift[:, None] * fit.normal)
+    fit = _turned(fit, model.turn)
     chosen = nearest_candidates(fit.height(still.points), pool.group, SURFACE_GATE)
     return fit_chosen(still, chosen, fit.normal, fit.centre, axes)
 
 
-def _first_cells(surface: WheelSurface) -> tuple[Cells, float, Array]:
-    """Cells of a fit that knew of no load, whose weights were wrong, and the noise, much too large."""
-    fit, points = surface.fit, surface.points
+def _enough(cells: Cells) -> bool:
+    """Tell whether every head sees enough to tell a load."""
+    return bool(np.bincount(cells.head, minlength=cells.heads).min() >= _FEWEST_CELLS)
+
+
+def _first_cells(pool: PointPool, fit: RevolutionFit, heads: int) -> Cells:
+    """Cells of a fit that knew of no load: its weights were wrong, and a whole head may be off."""
+    heights = fit.height(pool.points)
+    points = pool.where(nearest_candidates(heights, pool.group, _FIRST_GATE))
     rest = fit.height(points.points)
-    known = np.isfinite(rest)
-    scale = robust.DEVIATION_OF_MEDIAN * float(np.median(np.abs(rest[known])))
-    ratio = np.square(np.where(known, rest, np.inf) / (_WIDE * scale))
-    weights = np.where(ratio < 1.0, np.square(1.0 - np.minimum(ratio, 1.0)), 0.0)
-    cells = condense(points.points, points.head, weights, np.where(known, rest, 0.0), fit)
-    return cells, scale, np.zeros(1)
+    weights = np.zeros(len(rest))
+    for head in range(heads):
+        mine = np.flatnonzero(points.head == head)
+        if len(mine):
+            off = np.abs(rest[mine] - np.median(rest[mine]))
+            scale = _WIDE * robust.DEVIATION_OF_MEDIAN * float(np.median(off)) + 1e-6
+            weights[mine] = np.square(1.0 - np.minimum(np.square(off / scale), 1.0))
+    return condense(points, weights, rest, fit, heads)
 
 
-def _cells(surface: WheelSurface, model: LoadModel, before: RevolutionFit) -> tuple[Cells, float, Array]:
-    """Cells of heights with the load put back on, the noise, and the load at the cells."""
+def _cells(surface: WheelSurface, model: LoadModel, before: RevolutionFit, heads: int) -> tuple[Cells, Array]:
+    """Cells of heights with the load put back on, and the load at the cells."""
     fit, points = surface.fit, surface.points
     rest = np.where(fit.weights > 0.0, fit.residuals, 0.0)
-    cells = condense(points.points, points.head, fit.weights, rest, fit)
+    cells = condense(points, fit.weights, rest, fit, heads)
     places = (cells.points(fit) - before.centre) @ before.tilt_axes.T
     lift = model.height(places)
-    noise = float(np.sqrt((fit.weights * rest**2).sum() / fit.weights.sum()))
-    uneven = float(np.square(cells.freed(cells.height[:, None])).mean()) / noise**2
-    return replace(cells, height=cells.height + lift), noise * max(1.0, uneven) ** 0.5, lift
+    return replace(cells, height=cells.height + lift), lift
 
 
 def _turned(fit: RevolutionFit, turn: Array) -> RevolutionFit:

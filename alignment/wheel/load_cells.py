@@ -11,13 +11,17 @@ from functools import cached_property
 
 import numpy as np
 
+from alignment import robust
 from alignment.arrays import Array, Index
+from alignment.stereo.pool import PointPool
 from alignment.wheel.agreement import MOVES
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_kernels import pieces_of
 
 _RING, _ANGLE = 3.0, np.radians(2.0)  # mm and radians
 _FEWEST = 3.0  # weight of a cell
+_MOST_NOISE = 2.0  # of what the images state; more is a profile that does not fit yet
+_FEWEST_DIFFERENCES, _CLIP = 30, 3.0  # robust deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,13 @@ class Cells:
         (C, 2) mean place along the fit's tilt axes, from its centre, millimetres.
     moves
         (C, 5) mean of the moves of `HeadMoves`.
+    noise
+        Standard deviation of a height of weight 1, millimetres: what neighbours on a ring differ by beside
+        what bends smoothly, so that a load does not count as noise.
+    image_noise
+        As the points state it, millimetres.
+    heads
+        How many heads there are, with cells or without.
     """
 
     ring: Index
@@ -44,6 +55,9 @@ class Cells:
     height: Array
     places: Array
     moves: Array
+    noise: float
+    image_noise: float
+    heads: int
 
     @cached_property
     def radius(self) -> Array:
@@ -75,7 +89,7 @@ class Cells:
 
     def by_head(self) -> Array:
         """(C, 5 H) moves, each head's in columns of its own."""
-        heads = int(self.head.max()) + 1
+        heads = self.heads
         out = np.zeros((len(self.head), heads, MOVES))
         out[np.arange(len(self.head)), self.head] = self.moves
         return out.reshape(len(self.head), heads * MOVES)
@@ -89,24 +103,41 @@ def angle_from(places: Array, direction: Array) -> Array:
     return out
 
 
-def condense(points: Array, head: Index, weights: Array, residuals: Array, fit: RevolutionFit) -> Cells:
-    """Condense points (N, 3) of heads (N,) by their weights (N,) and residuals (N,), millimetres."""
+def condense(pool: PointPool, weights: Array, residuals: Array, fit: RevolutionFit, heads: int) -> Cells:
+    """Condense points (N) of heads by their weights (N,) and residuals (N,), millimetres."""
     used = weights > 0.0
-    w, r, h = weights[used], residuals[used], head[used]
-    x, y = ((points[used] - fit.centre) @ fit.tilt_axes.T).T
+    w, r, h = weights[used], residuals[used], pool.head[used]
+    x, y = ((pool.points[used] - fit.centre) @ fit.tilt_axes.T).T
     radius = np.hypot(x, y)
     slope = _slopes(fit, radius) / np.maximum(radius, 1.0)
     ring = ((radius - fit.knots_start) / _RING).astype(np.int64)
     turn = np.floor((np.arctan2(y, x) + np.pi) / _ANGLE).astype(np.int64)
-    key = (ring * (int(h.max()) + 1) + h) * 200 + turn
+    key = (ring * heads + h) * 200 + turn
     number, inverse = np.unique(key, return_inverse=True)
     weight: Array = np.bincount(inverse, w).astype(np.float64)
     mean = [np.bincount(inverse, w * v) / weight for v in (r, x, y, slope * x, slope * y)]
-    of_ring, of_head = np.divmod(number // 200, int(h.max()) + 1)
+    of_ring, of_head = np.divmod(number // 200, heads)
     kept = weight >= _FEWEST
     cells = np.column_stack(mean)[kept]
     moves = np.column_stack([np.ones(len(cells)), cells[:, 1:]])
-    return Cells(of_ring[kept], of_head[kept], weight[kept], cells[:, 0], cells[:, 1:3], moves)
+    stated = float(np.median(pool.sigma[used]))
+    noise = min(_noise(number[kept], weight[kept], cells[:, 0]), _MOST_NOISE * stated)
+    return Cells(
+        of_ring[kept], of_head[kept], weight[kept], cells[:, 0], cells[:, 1:3], moves, noise, stated, heads
+    )  # fmt: skip
+
+
+def _noise(number: Index, weight: Array, height: Array) -> float:
+    """Noise of a height of weight 1 from second differences of neighbours, of numbers in a row."""
+    middle = np.flatnonzero((np.diff(number[:-1]) == 1) & (np.diff(number[1:]) == 1)) + 1
+    if len(middle) < _FEWEST_DIFFERENCES:
+        return float(np.sqrt((weight * height**2).sum() / max(len(height), 1)))
+    bend = height[middle - 1] - 2.0 * height[middle] + height[middle + 1]
+    each = 1.0 / weight[middle - 1] + 4.0 / weight[middle] + 1.0 / weight[middle + 1]
+    square = bend**2 / each
+    # Edges of rings and letters are no noise of the rest.
+    most = (_CLIP * robust.DEVIATION_OF_MEDIAN) ** 2 * float(np.median(square))
+    return float(np.sqrt(np.minimum(square, most).mean()))
 
 
 def _slopes(fit: RevolutionFit, radius: Array) -> Array:

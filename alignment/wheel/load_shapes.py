@@ -2,7 +2,8 @@
 
 Two families, because neither stands for the other: the wave of a ring on an elastic foundation, which decays
 and swings back (e⁻ᵃ cos(a − φ), a = |θ| / w; Gough's beam and Böhm's ring model, in Pacejka, Tire and Vehicle
-Dynamics, ch. 9), and a Gaussian, which only decays. What they have in common besides is evenness.
+Dynamics, ch. 9), and a Gaussian, which only decays; for broad shapes a third, which is smooth where the two
+halves of the tyre meet again. What they have in common besides is evenness.
 """
 
 from __future__ import annotations
@@ -42,9 +43,19 @@ def _gaussian(angle: Array, parameters: Array) -> tuple[Array, Array]:
 
 
 def _wave(angle: Array, parameters: Array) -> tuple[Array, Array]:
-    a = np.abs(angle) / math.exp(parameters[0])
+    near = np.abs(angle)
+    # The ring is closed: the wave that went around the other way arrives, too.
+    a = np.stack([near, 2.0 * math.pi - near]) / math.exp(parameters[0])
     fall, cosine, sine = np.exp(-a), np.cos(a - parameters[1]), np.sin(a - parameters[1])
-    return fall * cosine, np.stack([a * fall * (cosine + sine), fall * sine])
+    slopes = np.stack([a * fall * (cosine + sine), fall * sine])
+    return (fall * cosine).sum(axis=0), slopes.sum(axis=1)
+
+
+def _cosine_power(angle: Array, parameters: Array) -> tuple[Array, Array]:
+    power = 2.0 * math.exp(-2.0 * parameters[0])
+    logarithm = np.log(np.maximum(0.5 + 0.5 * np.cos(angle), 1e-12))
+    value = np.exp(power * logarithm)
+    return value, (-2.0 * power * logarithm * value)[None]
 
 
 def gaussian(width_deg: float, spread: float) -> Shape:
@@ -58,11 +69,16 @@ def wave(width_deg: float, spread: float) -> Shape:
     return Shape(_wave, mean, np.array([spread, _PHASE_DEVIATION]))
 
 
+def cosine_power(width_deg: float, spread: float) -> Shape:
+    """Power of the cosine of half the angle, as wide as a Gaussian of `width_deg` and smooth all around."""
+    return Shape(_cosine_power, np.array([math.log(math.radians(width_deg))]), np.array([spread]))
+
+
 BULGES = (gaussian(24.0, 0.25), wave(25.0, 0.25))
 """What the weight does: half widths of 18 to 38°."""
 
 _SIDE_WIDTHS = (36.0, 44.0, 54.0, 66.0)
-SIDE_SHIFTS = tuple(shape(width, 0.1) for width in _SIDE_WIDTHS for shape in (gaussian, wave))
+SIDE_SHIFTS = tuple(shape(width, 0.1) for width in _SIDE_WIDTHS for shape in (gaussian, cosine_power, wave))
 """What a side force does; broader. One by one, because the fits of broad shapes have several minima."""
 
 

@@ -91,6 +91,10 @@ def measure(
             f"{result['method']}, {result['points_used']} points, residual "
             f"{result['residual_rms_mm']:.4f} mm, calibration {known.id}, {duration_ms:.0f} ms"
         )
+        if result["load_mm"] is not None:
+            typer.echo(
+                f"the tyre carries load: up to {result['load_mm']:.2f} mm where the heads see it, taken off"
+            )
         rows = [head["row_px"] for head in result["heads"] if head["row_px"] is not None]
         if rows:
             typer.echo(f"rows of the cameras differ by at most {max(rows):.3f} px")
@@ -125,6 +129,7 @@ def measurement_as_json(
         "heads": None,
         "knock_evidence": None,
         "warning": None,
+        "load_mm": None,
         "duration_ms": duration_ms,
         "calibration_id": calibration_id,
     }
@@ -146,4 +151,5 @@ def measurement_as_json(
         "heads": [asdict(head) for head in found.heads],
         "knock_evidence": found.knock_evidence,
         "warning": found.warning,
+        "load_mm": found.load_mm,
     }

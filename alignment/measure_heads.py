@@ -1,0 +1,175 @@
+"""Is it a wheel before intact heads? Heads that moved are told from a tyre that carries load, or refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from alignment.arrays import Array
+from alignment.calibration.judgement import Judgement, judge, unjudged
+from alignment.imaging.lines import LightLines
+from alignment.prepared import PreparedRig
+from alignment.stereo.correspondence import Candidates
+from alignment.stereo.pool import PointPool
+from alignment.stereo.rows import row_fields
+from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
+from alignment.vehicle.angles import camber_toe_jacobian
+from alignment.wheel.agreement import MOVES, HeadMoves, head_moves, head_sums
+from alignment.wheel.load import LoadedWheel, carry
+from alignment.wheel.search import WheelSurface
+
+_WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
+_LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
+_LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
+_DOUBT = 0.0  # evidence that something moved from which a load is looked for
+_SHAPE_SHARE = 0.004  # of a load, by which its shapes may miss what a tyre does
+_DOWN = np.array([0.0, 0.0, -1.0])  # vehicle frame
+# A head whose patch of the tyre would fit better elsewhere moved: by more than the errors of the calibration
+# explain (`PreparedRig.worst_misfit`) and the noise of the head's points, which five movements fit a little.
+_DEVIATIONS, _MOVEMENTS = 3.0, 5
+_LEAD = 5.0  # logarithm of how much likelier a load must be than moved heads, or intact ones without it
+
+
+@dataclass(frozen=True, eq=False)
+class HeadSums:
+    """Of the points of each head with weight: their number, their weight, and weighted squares, (H,) each."""
+
+    numbers: Array
+    weights: Array
+    squares: Array
+
+    @classmethod
+    def of(cls, surface: WheelSurface, heads: int) -> HeadSums:
+        """Sums of a surface before so many heads."""
+        fit = surface.fit
+        return cls(*head_sums(surface.points.head, heads, fit.weights, fit.residuals))
+
+    @property
+    def rms(self) -> float:
+        """Of all residuals, millimetres."""
+        return math.sqrt(self.squares.sum() / self.weights.sum())
+
+
+def told_apart(
+    lines: Sequence[tuple[LightLines, LightLines]],
+    matched: list[Candidates],
+    everything: PointPool,
+    surface: WheelSurface,
+    rig: PreparedRig,
+    settings: MeasureSettings,
+) -> tuple[LoadedWheel | None, Judgement] | Refusal:
+    """Tell a load from heads that moved; a refusal where neither makes the surface a wheel before its rig."""
+    heads, loaded = len(matched), None
+    sums = HeadSums.of(surface, heads)
+    wrong = _too_few(sums.numbers, matched, rig, settings)
+    if wrong is None:
+        if sums.rms > _WORST_RMS:
+            return _no_wheel(sums.rms)
+        moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
+        judgement, misfits = _judged(lines, matched, surface, moves, sums.rms, rig), moves.misfits()
+        wrong = _moved(misfits, sums.numbers, sums.rms, judgement, rig)
+        if wrong is None and (judgement.evidence or 0.0) <= _DOUBT:
+            return None, judgement
+    # What a load lifts before two heads may leave the third one off a surface that these agree on.
+    loaded = _loaded(everything, surface, rig)
+    if loaded is None:
+        return wrong or (None, judgement)
+    sums = HeadSums.of(loaded.surface, heads)
+    if _too_few(sums.numbers, matched, rig, settings) is not None or sums.rms > _WORST_RMS:
+        return wrong or (None, judgement)
+    judgement = _judged(lines, matched, loaded.surface, loaded.moves, loaded.noise, rig, loaded.lift_mm)
+    return _moved(loaded.misfits(), sums.numbers, loaded.noise, judgement, rig) or (loaded, judgement)
+
+
+def _no_wheel(rms: float) -> Refusal:
+    return Refusal(
+        RefusalCode.NOT_A_WHEEL,
+        f"the points leave a surface of revolution by {rms:.2f} mm RMS, at most {_WORST_RMS} is a wheel; "
+        "check the calibration and what stands in front of the heads",
+    )
+
+
+def _loaded(pool: PointPool, surface: WheelSurface, rig: PreparedRig) -> LoadedWheel | None:
+    """Take a load off the wheel, where that explains what the heads see better than a head that moved."""
+    down = rig.calibration.vehicle_from_rig.rotation.T @ _DOWN
+    model, amounts = rig.knock_model, MOVES * len(rig.heads)
+    knocks = [] if model is None else [knock.signs[:amounts] for knock in model.knocks]
+    known = None
+    if model is not None and rig.calibration.covariance is not None:
+        known = model.covariance[:amounts, :amounts]
+    loaded = carry(pool, surface, rig.image_axes, down, known, knocks)
+    return loaded if loaded is not None and loaded.lead > _LEAD else None
+
+
+def _judged(
+    lines: Sequence[tuple[LightLines, LightLines]],
+    matched: list[Candidates],
+    surface: WheelSurface,
+    moves: HeadMoves,
+    rms: float,
+    rig: PreparedRig,
+    lift_mm: float = 0.0,
+) -> Judgement:
+    """Weigh the signs of knocked cameras and mixed pictures, beside a load that lifts the tyre by so much."""
+    fit, model = surface.fit, rig.knock_model
+    if model is None:
+        return unjudged(len(matched))
+    if lift_mm > 0.0:
+        model = model.beside_load(_SHAPE_SHARE * lift_mm)
+    rows = row_fields(lines, matched, surface.chosen, rig.row_views, fit.height)
+    turn = angles_by_normal(fit.normal, rig.calibration) @ fit.tilt_axes.T
+    return judge(moves, rms, rows, model, fit.normal, turn)
+
+
+def _moved(
+    misfits: Array, numbers: Array, rms: float, judgement: Judgement, rig: PreparedRig
+) -> Refusal | None:
+    """Refuse a head whose patch would fit better elsewhere by more than noise and calibration explain."""
+    limits = rig.worst_misfit + _DEVIATIONS * rms * np.sqrt(_MOVEMENTS / numbers)
+    worst = int((misfits - limits).argmax())
+    if misfits[worst] <= limits[worst]:
+        return None
+    # What explains all signs is likelier to blame than the head that is off the most.
+    name = rig.heads[judgement.head if judgement.knocked else worst].name
+    return Refusal(
+        RefusalCode.HEAD_MOVED,
+        f"{name} does not fit the other heads: a movement of whole heads explains "
+        f"{1e3 * misfits[worst]:.0f} µm of the residuals, noise at most {1e3 * limits[worst]:.0f} µm; "
+        "check that it has not been knocked, and calibrate again",
+        name,
+    )
+
+
+def _too_few(
+    numbers: Array, matched: list[Candidates], rig: PreparedRig, settings: MeasureSettings
+) -> Refusal | None:
+    """Refuse a head, or all of them, of whose line points hardly any lie on the wheel."""
+    for number, candidates, head in zip(numbers, matched, rig.heads, strict=True):
+        count = int(number)
+        if count < max(settings.minimum_points, _LEAST_SHARE * candidates.offered):
+            return Refusal(
+                RefusalCode.TOO_FEW_POINTS,
+                f"{head.name}: {count} of {candidates.offered} line points lie on the wheel, at least "
+                f"{settings.minimum_points} and {_LEAST_SHARE:.0%} of them are needed; check for dirt, an "
+                "obstacle, or a head that moved since its calibration",
+                head.name,
+            )
+    share = int(numbers.sum()) / sum(candidates.offered for candidates in matched)
+    if share < _LEAST_OF_ALL:
+        return Refusal(
+            RefusalCode.NOT_A_WHEEL,
+            f"only {share:.0%} of the line points lie on one surface of revolution, at least "
+            f"{_LEAST_OF_ALL:.0%} do on a wheel; check that left and right images are not swapped, and that "
+            "the calibration is the rig's",
+        )
+    return None
+
+
+def angles_by_normal(normal: Array, calibration: RigCalibration) -> Array:
+    """(2, 3) change of camber and toe by a change of the normal, rig frame."""
+    rotation = calibration.vehicle_from_rig.rotation
+    out: Array = camber_toe_jacobian(rotation @ normal, calibration.side) @ rotation
+    return out
