@@ -108,11 +108,12 @@ RIG_SPECS = {
     "upper": RigSpec(angles=(math.pi / 6, math.pi / 2, 5 * math.pi / 6)),
     "turned": RigSpec(angles=(math.pi / 3, math.pi, 5 * math.pi / 3)),
     "ccir": RigSpec(camera=CCIR_CAMERA, tolerances=replace(Tolerances(), centre_px=5.0)),
+    "lifted": RigSpec(angles=(math.pi / 2, 13 * math.pi / 12, 23 * math.pi / 12)),
 }
 """Rigs by name; ``ccir`` has the 752 × 582 cameras of the thesis with a 15.2 mm lens.
 
 Heads stand at 90°, 210° and 330°; further from the road at 30°, 90° and 150° (``upper``), or at 60°, 180° and
-300° (``turned``).
+300° (``turned``); with only the lower ones 15° higher, at 90°, 195° and 345° (``lifted``).
 """
 
 

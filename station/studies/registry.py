@@ -19,6 +19,7 @@ STUDIES = {
     "line-endurance": "station.studies.line_endurance",
     "line-noise": "station.studies.line_noise",
     "line-power-loss": "station.studies.line_power_loss",
+    "loaded-tyres": "station.studies.loaded_tyres",
     "marks": "station.studies.marks",
     "nonparallel-head": "station.studies.nonparallel_head",
     "parallel-head": "station.studies.parallel_head",
