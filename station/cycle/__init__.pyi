@@ -10,6 +10,7 @@ from .ports import Line as Line
 from .ports import Observer as Observer
 from .ports import Store as Store
 from .positions import CalibrationInForce as CalibrationInForce
+from .positions import MeasureFunction as MeasureFunction
 from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
 from .positions import utc_now as utc_now

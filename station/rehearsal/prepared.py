@@ -36,6 +36,7 @@ from station.cycle import (
     Line,
     MeasuringCycle,
     Observer,
+    SeriesChoice,
     Store,
     WheelPosition,
     WheelResult,
@@ -91,7 +92,7 @@ class PreparedPosition(WheelPosition):
     """A wheel position that answers after `shot_s` seconds with the rig's prepared angles."""
 
     def __init__(self, rig: ArmedRig, shot_s: float) -> None:
-        calibration = _calibration(rig.name)
+        calibration = prepared_calibration(rig.name)
         in_force = CalibrationInForce(
             calibration, datetime(2026, 1, 1, tzinfo=UTC), 36_500.0, {"id": calibration.id}
         )
@@ -123,7 +124,8 @@ def _never(*arguments: object) -> NoReturn:
     raise NotImplementedError("a prepared position measures no images")
 
 
-def _calibration(rig: str) -> RigCalibration:
+def prepared_calibration(rig: str) -> RigCalibration:
+    """Return a calibration of one small head, for a rig whose images nobody measures."""
     side: Side = "left" if rig.endswith("_left") else "right"
     camera = PosedCamera(
         CameraModel(40, 30, 90.0, 90.0, 19.5, 14.5, "brown", (0.0,) * 5),
@@ -152,6 +154,9 @@ def open_rehearsal(
     shot_s: float = 0.0,
     options: LineOptions = DEFAULT_OPTIONS,
     acknowledge_s: float = 2.0,
+    positions: Sequence[WheelPosition] | None = None,
+    kind: VehicleType = KIND,
+    series: SeriesChoice | None = None,
     wrapped: Callable[[Line, Store], tuple[Line, Store]] = lambda line, store: (line, store),
 ) -> Iterator[Rehearsal]:
     """Open a station with prepared shots on an open bus.
@@ -168,6 +173,8 @@ def open_rehearsal(
         How long each wheel takes.
     options, acknowledge_s
         Of the line.
+    positions, kind, series
+        Other wheels than those with prepared shots, another vehicle type, and how series are taken.
     wrapped
         Puts something between the cycle and its line and store.
 
@@ -180,12 +187,13 @@ def open_rehearsal(
         seen_line, seen_store = wrapped(line, store)
         cycle = MeasuringCycle(
             Identity(STATION, "rehearsal", "rehearsal"),
-            [PreparedPosition(ArmedRig(name), shot_s) for name in WHEELS],
-            {KIND.number: KIND},
+            positions or [PreparedPosition(ArmedRig(name), shot_s) for name in WHEELS],
+            {kind.number: kind},
             seen_line,
             seen_store,
             Bounds(measure_s=30.0, store_s=10.0, acknowledge_s=acknowledge_s),
             observer=observer,
+            series=series,
         )
         try:
             cycle.start()

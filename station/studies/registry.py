@@ -27,6 +27,7 @@ STUDIES = {
     "refresh-rates": "station.studies.refresh_rates",
     "repeatability": "station.studies.repeatability",
     "vehicles": "station.studies.vehicles",
+    "spin-cycle": "station.studies.spin_cycle",
     "wheel-grid": "station.studies.wheel_grid",
 }
 """Name and module; the module has the study under the name `STUDY`."""
