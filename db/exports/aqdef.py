@@ -1,8 +1,9 @@
 """Q-DAS ASCII transfer format (AQDEF): one file .dfq, or a description .dfd with values .dfx.
 
 A part of the file is one vehicle type with one set of limits at one station; its characteristics are the
-angles, in degrees. Every value carries time (K0004), VIN (K0014) and a text (K0009) with its uncertainty and
-what explains it; an event (K0005) where something happened since the value before:
+angles, in degrees, and lengths, in millimetres. Every value carries time (K0004), VIN (K0014) and a text
+(K0009) with its uncertainty and what explains it; an event (K0005) where something happened since the value
+before:
 
 =====  =====================================================
 event  meaning
@@ -31,22 +32,13 @@ from typing import IO
 from alignment.errors import ConfigurationError
 from db.exports.rows import AngleRow
 from db.exports.tables import replaced
-from db.records import AngleVerdict, EventRecord, Severity
+from db.records import QUANTITIES, AngleVerdict, EventRecord, Quantity, Severity, Unit
 
 ENCODINGS: Mapping[str, str] = {"utf-8": "utf-8-sig", "utf-16": "utf-16", "windows-1252": "cp1252"}
 """By the name a user gives; the Unicode ones begin with a byte order mark, by which Q-DAS knows them."""
 CALIBRATION_CHANGED, STATION_EVENT, MEASURED_BEFORE = 1, 2, 3
 _INVALID = 129
 
-_QUANTITIES = {
-    "camber": "Camber",
-    "toe": "Toe",
-    "total_toe": "Total toe",
-    "camber_difference": "Camber difference",
-    "thrust_angle": "Thrust angle",
-    "front_toe_left_to_thrust": "Front toe left to thrust line",
-    "front_toe_right_to_thrust": "Front toe right to thrust line",
-}
 # Longest texts of the keys, characters.
 _LENGTHS = {
     "K0009": 255, "K0014": 40, "K1001": 30, "K1002": 80, "K1011": 20, "K1014": 20, "K1081": 24, "K1082": 40,
@@ -58,7 +50,7 @@ _IN_MEMORY = 1 << 20
 
 @dataclass
 class _Characteristic:
-    """One angle of a part as the first row had it."""
+    """One value of a part as the first row had it."""
 
     row: AngleRow
     last_calibration: str | None = None
@@ -170,7 +162,7 @@ class _Collected:
 
     def flush(self) -> None:
         """Write the rows of one cycle, whose limits together decide the part."""
-        rows, self._pending = [row for row in self._pending if row.value_deg is not None], []
+        rows, self._pending = [row for row in self._pending if row.value is not None], []
         if not rows:
             return
         first = rows[0]
@@ -188,10 +180,10 @@ class _Collected:
 
     def _part(self, station: str, vehicle_type: str, rows: Sequence[AngleRow]) -> _Part:
         """The part whose limits, as far as both know them, are those of the rows."""
-        limits = {row.characteristic: (row.low_deg, row.high_deg) for row in rows}
+        limits = {row.characteristic: (row.low, row.high) for row in rows}
         mine = [part for part in self.parts if (part.station, part.vehicle_type) == (station, vehicle_type)]
         for part in mine:
-            known = {name: (c.row.low_deg, c.row.high_deg) for name, c in part.characteristics.items()}
+            known = {name: (c.row.low, c.row.high) for name, c in part.characteristics.items()}
             if all(known.get(name, pair) == pair for name, pair in limits.items()):
                 return part
         spooled = tempfile.SpooledTemporaryFile(  # noqa: SIM115  (closed with all others by `close`)
@@ -220,7 +212,7 @@ class _Collected:
         codes = [CALIBRATION_CHANGED] * changed + [STATION_EVENT] * bool(happened)
         codes += [MEASURED_BEFORE] * (before is not None)
         time = row.received_utc.astimezone(self._timezone or UTC)
-        self._write(part, number, "K0001", _number(row.value_deg))
+        self._write(part, number, "K0001", _number(row.value))
         if not row.judged_cycle or row.verdict == AngleVerdict.NOT_JUDGED:
             self._write(part, number, "K0002", str(_INVALID))
         self._write(part, number, "K0004", time.strftime("%d.%m.%Y/%H:%M:%S"))
@@ -276,17 +268,18 @@ def _describe(stream: IO[str], part: _Part, number: int, first: int) -> None:
         _line(stream, f"{key}/{number}", _clean(key, text))
     for local, characteristic in enumerate(part.characteristics.values(), start=1):
         row, index = characteristic.row, first + local
-        name = f"{_QUANTITIES[row.quantity]} {row.part.replace('_', ' ')}"
+        unit = Unit(row.unit)
+        name = f"{QUANTITIES[Quantity(row.quantity)].label} {row.part.replace('_', ' ')}"
         lines = {
             "K2001": row.characteristic,
             "K2002": name,
             "K2004": "0",
-            "K2022": "4",
+            "K2022": str(unit.decimals),
             **_limits(row),
-            "K2142": "°",
+            "K2142": unit.sign.strip(),
             "K2401": row.part,
             "K2402": f"Truewheel {part.station} {row.part}",
-            "K2404": "0.0001",
+            "K2404": f"{10.0**-unit.decimals:.{unit.decimals}f}",
         }
         for key, text in lines.items():
             _line(stream, f"{key}/{index}", _clean(key, text))
@@ -295,9 +288,9 @@ def _describe(stream: IO[str], part: _Part, number: int, first: int) -> None:
 def _limits(row: AngleRow) -> dict[str, str]:
     """Nominal value, limits, and of which kind they are: 0 none, 1 a limit."""
     keys = {}
-    if row.low_deg is not None and row.high_deg is not None:
-        keys["K2101"] = _number((row.low_deg + row.high_deg) / 2)
-    for value, limit, kind in ((row.low_deg, "K2110", "K2120"), (row.high_deg, "K2111", "K2121")):
+    if row.low is not None and row.high is not None:
+        keys["K2101"] = _number((row.low + row.high) / 2)
+    for value, limit, kind in ((row.low, "K2110", "K2120"), (row.high, "K2111", "K2121")):
         if value is not None:
             keys[limit] = _number(value)
         keys[kind] = "0" if value is None else "1"
@@ -317,7 +310,7 @@ def _line(stream: IO[str], key: str, value: object) -> None:
 
 def _text(row: AngleRow, happened: Sequence[EventRecord]) -> str:
     """What explains the value, the most important first: long texts are cut."""
-    parts = [] if row.u_deg is None else [f"u={row.u_deg:.6f}"]
+    parts = [] if row.u is None else [f"u={row.u:.6f}"]
     parts.append(f"verdict={row.verdict}")
     if row.reason_code:
         parts.append(f"reason={row.reason_code}")
@@ -329,7 +322,7 @@ def _text(row: AngleRow, happened: Sequence[EventRecord]) -> str:
 
 
 def _number(value: float | None) -> str:
-    """Degrees to 1e-10, far below what is measured; at most 22 characters, never an exponent."""
+    """Degrees or millimetres to 1e-10, far below what is measured; at most 22 characters, no exponent."""
     text = f"{0.0 if value is None else value:.10f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") else text
 

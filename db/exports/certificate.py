@@ -1,4 +1,4 @@
-"""PDF certificate of one vehicle: every angle with its uncertainty, limits, verdict and what explains it."""
+"""PDF certificate of one vehicle: every angle and length with uncertainty, limits and verdict, and why."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from db.exports.fonts import picture_text
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
-from db.records import AngleVerdict, StoredCycle, Verdict
+from db.records import AngleVerdict, StoredCycle, Unit, Verdict, WheelRecord
 
 _EXPLAINED = (AngleVerdict.NOK, AngleVerdict.NOT_MEASURED, AngleVerdict.NOT_JUDGED)
 _OUTCOMES = {
@@ -65,22 +65,28 @@ def write_vehicle_certificate(
             ("From", source),
         ]
     )
-    document.heading("Angles")
-    document.rows(
-        ("angle", "value ± expanded uncertainty", "lower limit", "upper limit", "verdict"),
-        [_angle(row) for row in rows],
-    )
+    for title, unit in (("Angles", Unit.DEGREES), ("Lengths and run-outs", Unit.MILLIMETRES)):
+        values = [_value(row, unit) for row in rows if row.unit == unit]
+        if values:
+            document.heading(title)
+            head = "angle" if unit is Unit.DEGREES else "length"
+            document.rows(
+                (head, "value ± expanded uncertainty", "lower limit", "upper limit", "verdict"), values
+            )
     reasons = [
         (_name(row), row.reason_text or row.reason_code or "") for row in rows if row.verdict in _EXPLAINED
     ]
+    kinds = {row.unit for row in rows}
     if reasons:
-        document.rows(("angle", "why it is not ok"), reasons)
-    if any(row.value_deg is not None and row.low_deg is not None for row in rows):
+        document.rows(("angle" if len(kinds) < 2 else "angle or length", "why it is not ok"), reasons)
+    if any(row.value is not None and row.low is not None and row.high is not None for row in rows):
         document.picture(tolerance_picture(rows))
     document.paragraph(
-        "Angles in degrees. Camber is positive when the top leans outboard, toe when the wheel points inward "
-        "in front. Each angle has its own verdict; a wheel, an axle or the vehicle is not ok when one of its "
-        "angles is not"
+        f"Angles in degrees{', lengths in millimetres' if len(kinds) > 1 else ''}. Camber is positive when "
+        "the top leans outboard, toe when the wheel points inward in front. "
+        f"{_references(stored)}Each {'value' if len(kinds) > 1 else 'angle'} has its own verdict; a wheel, "
+        "an axle or the vehicle is not ok when one of its "
+        f"{'values' if len(kinds) > 1 else 'angles'} is not"
         + (
             "; limits are narrowed by the expanded uncertainty (ISO 14253-1)."
             if any(row.guard_band for row in rows)
@@ -94,11 +100,11 @@ def write_vehicle_certificate(
 
 @in_style
 def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
-    """Where each judged angle lies between its limits; bars are expanded uncertainties."""
+    """Where each judged value lies between its limits; bars are expanded uncertainties."""
     judged = [
-        (row, row.value_deg, row.low_deg, row.high_deg)
+        (row, row.value, row.low, row.high)
         for row in rows
-        if row.value_deg is not None and row.low_deg is not None and row.high_deg is not None
+        if row.value is not None and row.low is not None and row.high is not None
     ]
     figure = Figure(figsize=(PAGE_WIDTH_IN, 0.22 * len(judged) + 0.8), layout="constrained")
     ax = figure.subplots()
@@ -109,7 +115,7 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
     for number, (row, value, low, high) in enumerate(judged):
         half = (high - low) / 2
         at = (value - (high + low) / 2) / half
-        width = (row.u95_deg or 0.0) / half
+        width = (row.u95 or 0.0) / half
         # Far outside the place no longer matters, only the side.
         shown = min(max(at, -2.2), 2.2)
         outside = row.verdict == AngleVerdict.NOK
@@ -153,7 +159,7 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
                 _calibration(history, wheel.calibration_id),
                 "" if wheel.points_used is None else str(wheel.points_used),
                 "" if wheel.residual_rms_mm is None else f"{wheel.residual_rms_mm:.3f}",
-                wheel.reason_text or ("a head was lost" if wheel.degraded else ""),
+                _remark(wheel),
             )
             for wheel in record.wheels
         ],
@@ -201,15 +207,40 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
         )
 
 
-def _angle(row: AngleRow) -> tuple[str, str, str, str, str]:
-    if row.value_deg is None:
+def _value(row: AngleRow, unit: Unit) -> tuple[str, str, str, str, str]:
+    if row.value is None:
         return _name(row), "–", "", "", row.verdict
-    u = "" if row.u95_deg is None else f" ± {row.u95_deg:.4f}"
-    limits = (
-        "" if limit is None else f"{limit:.4f}".replace("-", MINUS) for limit in (row.low_deg, row.high_deg)
+    u = "" if row.u95 is None else f" ± {row.u95:.{unit.decimals}f}"
+    low, high = (
+        "" if limit is None else f"{limit:.{unit.decimals}f}".replace("-", MINUS)
+        for limit in (row.low, row.high)
     )
-    low, high = limits
-    return _name(row), f"{signed(row.value_deg, 4)}{u}", low, high, row.verdict
+    return _name(row), f"{signed(row.value, unit.decimals)}{u}", low, high, row.verdict
+
+
+def _remark(wheel: WheelRecord) -> str:
+    """Why a wheel was not measured, or what was done with it."""
+    if wheel.reason_text:
+        return wheel.reason_text
+    load = "" if wheel.load_mm is None else f"a load of {wheel.load_mm:.2f} mm was taken off"
+    return "; ".join(part for part in ("a head was lost" if wheel.degraded else "", load) if part)
+
+
+_END_POINTS = {
+    "contact_centres": "contact centres", "wheel_centres": "wheel centres", "sidewalls": "sidewalls",
+}  # fmt: skip
+
+
+def _references(stored: StoredCycle) -> str:
+    """What toes and thrust angle refer to, and between what lengths are measured."""
+    geometry = stored.record.geometry
+    if geometry is None:
+        return ""
+    against = "the vehicle's own centreline" if geometry.reference == "vehicle" else "the stand's axis"
+    text = f"Individual toe and thrust angle are against {against}"
+    if geometry.end_points is not None:
+        text += f"; wheelbase, track and setback are between {_END_POINTS[geometry.end_points]}"
+    return text + ". "
 
 
 def _calibration(history: VinHistory, identity: str | None) -> str:

@@ -1,4 +1,4 @@
-"""Stored cycles as rows: one for each angle, with everything that explains it; angles in degrees."""
+"""Stored cycles as rows: one for each angle and length, with what explains it; degrees and millimetres."""
 
 from __future__ import annotations
 
@@ -7,14 +7,28 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from alignment.units import in_degrees
-from db.records import AngleVerdict, CycleRecord, LimitSide, StoredCycle, WheelOutcome, judge_angle
+from db.records import (
+    OF_AXLE,
+    OF_GEOMETRY,
+    OF_VEHICLE,
+    QUANTITIES,
+    VEHICLE,
+    AngleVerdict,
+    CycleRecord,
+    GeometryRecord,
+    LimitSide,
+    Quantity,
+    StoredCycle,
+    Unit,
+    WheelOutcome,
+    WheelRecord,
+    judge_angle,
+)
 
-VEHICLE = "vehicle"
 USUAL_K = 2.0
 """Coverage factor of an expanded uncertainty where a record names none."""
 _REASONS: Mapping[AngleVerdict, tuple[str, str]] = {
-    AngleVerdict.WITHOUT_LIMITS: ("no_limits", "the vehicle type has no limits for this angle"),
+    AngleVerdict.WITHOUT_LIMITS: ("no_limits", "the vehicle type has no limits for this {kind}"),
     AngleVerdict.NOT_JUDGED: (
         "not_judged", "the station gave no verdict: no valid calibration or uncertainty stood behind it",
     ),
@@ -23,7 +37,7 @@ _REASONS: Mapping[AngleVerdict, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class AngleRow:
-    """One angle of one cycle.
+    """One angle or length of one cycle.
 
     Attributes
     ----------
@@ -34,22 +48,36 @@ class AngleRow:
     cycle_outcome
         ``ok``, ``nok``, ``fault`` or ``aborted``.
     part, quantity
-        ``front_left`` and ``toe``, ``rear`` and ``total_toe``, ``vehicle`` and ``thrust_angle``.
+        ``front_left`` and ``toe``, ``rear`` and ``total_toe``, ``vehicle`` and ``track_front``.
     outcome
         ``measured``, ``refused`` or ``fault``.
     value_deg, u_deg
-        Value and standard uncertainty; None where nothing was measured.
+        Value and standard uncertainty of an angle; None where nothing was measured, and of a length.
     low_deg, high_deg, guard_band, coverage_factor
         Limits, and how the verdict used them.
     verdict
-        Of this angle alone: ``ok``, ``nok``, ``without limits``, ``not measured``, ``not judged``.
+        Of this value alone: ``ok``, ``nok``, ``without limits``, ``not measured``, ``not judged``.
     part_verdict
-        ``ok``, ``nok`` or ``none``, of the wheel, axle or vehicle the angle belongs to.
+        ``ok``, ``nok`` or ``none``, of the wheel, axle or vehicle the value belongs to.
     reason_code, reason_text
-        Why the angle is not ok, for programs and for people: ``toe_high``, ``no_limits``, ``not_judged``, or
+        Why the value is not ok, for programs and for people: ``toe_high``, ``no_limits``, ``not_judged``, or
         the reason why its wheel was not measured. None where it is.
     degraded
         Whether a head of its wheel was lost and the others measured alone; None where that is not known.
+    unit
+        ``deg`` or ``mm``: which of the columns hold the value.
+    value_mm, u_mm, low_mm, high_mm
+        The same of a length; None of an angle.
+    kind, load_mm
+        Of its wheel: ``tyre_plane`` or ``spin_axis``, and the load's lift of the sidewall that was taken off.
+    run_out_phase_deg
+        Of run-out: where the tyre stood out farthest.
+    tyre_u_deg
+        Of toe and thrust angle: the part of `u_deg` that comes from the spread of tyre widths.
+    reference
+        What toe and thrust angle refer to: ``vehicle`` or ``stand``; None where the record does not tell.
+    end_points
+        Of a length: between what it was measured.
     """
 
     cycle: str
@@ -83,6 +111,42 @@ class AngleRow:
     software_version: str
     config_hash: str
     degraded: bool | None
+    unit: str = Unit.DEGREES.value
+    value_mm: float | None = None
+    u_mm: float | None = None
+    low_mm: float | None = None
+    high_mm: float | None = None
+    kind: str | None = None
+    load_mm: float | None = None
+    run_out_phase_deg: float | None = None
+    tyre_u_deg: float | None = None
+    reference: str | None = None
+    end_points: str | None = None
+
+    @property
+    def value(self) -> float | None:
+        """Value in its own unit."""
+        return self.value_mm if self.unit == Unit.MILLIMETRES else self.value_deg
+
+    @property
+    def u(self) -> float | None:
+        """Standard uncertainty in its own unit."""
+        return self.u_mm if self.unit == Unit.MILLIMETRES else self.u_deg
+
+    @property
+    def low(self) -> float | None:
+        """Lowest accepted value in its own unit."""
+        return self.low_mm if self.unit == Unit.MILLIMETRES else self.low_deg
+
+    @property
+    def high(self) -> float | None:
+        """Highest accepted value in its own unit."""
+        return self.high_mm if self.unit == Unit.MILLIMETRES else self.high_deg
+
+    @property
+    def u95(self) -> float | None:
+        """Expanded uncertainty in its own unit: the standard one times k, 2 where none is recorded."""
+        return None if self.u is None else (self.coverage_factor or USUAL_K) * self.u
 
     @property
     def characteristic(self) -> str:
@@ -91,13 +155,19 @@ class AngleRow:
 
     @property
     def u95_deg(self) -> float | None:
-        """Expanded uncertainty: the standard one times k, 2 where none is recorded."""
-        return None if self.u_deg is None else (self.coverage_factor or USUAL_K) * self.u_deg
+        """Expanded uncertainty of an angle."""
+        return self.u95 if self.unit == Unit.DEGREES else None
+
+    @property
+    def u95_mm(self) -> float | None:
+        """Expanded uncertainty of a length."""
+        return self.u95 if self.unit == Unit.MILLIMETRES else None
 
     @property
     def name(self) -> str:
         """``front left toe``."""
-        return f"{self.part} {self.quantity}".replace("_", " ")
+        label = QUANTITIES[Quantity(self.quantity)].label
+        return f"{self.part.replace('_', ' ')} {label[0].lower()}{label[1:]}"
 
     @property
     def judged_cycle(self) -> bool:
@@ -106,7 +176,7 @@ class AngleRow:
 
 
 def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
-    """Rows of a cycle: wheels by name, then axles, then the vehicle."""
+    """Rows of a cycle: wheels by name, then axles, then the vehicle and its geometry."""
     record = stored.record
     common: dict[str, Any] = {
         "cycle": str(record.uuid),
@@ -137,22 +207,45 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
             "points_used": wheel.points_used,
             "residual_rms_mm": wheel.residual_rms_mm,
             "degraded": wheel.degraded,
+            "kind": None if wheel.kind is None else str(wheel.kind),
+            "load_mm": wheel.load_mm,
         }
-        for quantity in ("camber", "toe"):
+        for quantity in _asked_of(wheel):
             yield AngleRow(**(common | nothing | own | _angle(record, wheel, quantity)))
     for axle in record.axles:
         own = {"part": axle.axle, "outcome": str(WheelOutcome.MEASURED)}
-        for quantity in ("total_toe", "camber_difference"):
+        for quantity in OF_AXLE:
             yield AngleRow(**(common | nothing | own | _angle(record, axle, quantity)))
     vehicle = record.vehicle_angles
     if vehicle is not None:
         own = {"part": VEHICLE, "outcome": str(WheelOutcome.MEASURED), "thrust_sign": vehicle.thrust_sign}
-        for quantity in ("thrust_angle", "front_toe_left_to_thrust", "front_toe_right_to_thrust"):
+        for quantity in OF_VEHICLE:
             yield AngleRow(**(common | nothing | own | _angle(record, vehicle, quantity)))
+    geometry = record.geometry
+    if geometry is not None:
+        measured = geometry.end_points is not None
+        own = {"part": VEHICLE, "outcome": str(WheelOutcome.MEASURED if measured else WheelOutcome.FAULT)}
+        for quantity in _asked_of_geometry(geometry):
+            yield AngleRow(**(common | nothing | own | _angle(record, geometry, quantity)))
 
 
-def _angle(cycle: CycleRecord, part: Any, quantity: str) -> dict[str, Any]:
-    # Fields of the records are named after the angle.
+def _asked_of(wheel: WheelRecord) -> Iterator[Quantity]:
+    """Camber and toe; run-out where it was measured or has a limit."""
+    yield from (Quantity.CAMBER, Quantity.TOE)
+    if wheel.run_out is not None or wheel.run_out_high is not None:
+        yield Quantity.RUN_OUT
+
+
+def _asked_of_geometry(geometry: GeometryRecord) -> Iterator[Quantity]:
+    """All of a vehicle that was measured; else what has limits."""
+    for quantity in OF_GEOMETRY:
+        names = (quantity, f"{quantity}_low", f"{quantity}_high")
+        if any(getattr(geometry, name, None) is not None for name in names):
+            yield quantity
+
+
+def _angle(cycle: CycleRecord, part: Any, quantity: Quantity) -> dict[str, Any]:
+    # Fields of the records are named after the quantity.
     value, u = getattr(part, quantity), getattr(part, f"{quantity}_u", None)
     low, high = getattr(part, f"{quantity}_low", None), getattr(part, f"{quantity}_high", None)
     verdict, missed = judge_angle(
@@ -164,41 +257,68 @@ def _angle(cycle: CycleRecord, part: Any, quantity: str) -> dict[str, Any]:
         coverage_factor=part.coverage_factor,
         part=part.verdict,
     )
-    found = {
-        "quantity": quantity,
-        "value_deg": in_degrees(value),
-        "u_deg": in_degrees(u),
-        "low_deg": in_degrees(low),
-        "high_deg": in_degrees(high),
+    unit = QUANTITIES[quantity].unit
+    numbers = {"value": value, "u": u, "low": low, "high": high}
+    found: dict[str, Any] = {
+        **{f"{name}_{each}": None for name in numbers for each in Unit},
+        **{f"{name}_{unit}": _in(unit, number) for name, number in numbers.items()},
+        "unit": str(unit),
+        **_beside(cycle, part, quantity),
+        "quantity": str(quantity),
         "guard_band": part.guard_band,
         "coverage_factor": part.coverage_factor,
         "verdict": str(verdict),
         "part_verdict": str(part.verdict),
     }
     if verdict is AngleVerdict.NOT_MEASURED:
-        code, text = part.reason_code or cycle.reason_code, part.reason_text or cycle.reason_text
+        own = getattr(part, "reason_code", None), getattr(part, "reason_text", None)
+        code, text = own[0] or cycle.reason_code, own[1] or cycle.reason_text
     elif missed is not None:
-        code, text = f"{quantity}_{missed}", _why_missed(found, missed)
+        code, text = f"{quantity}_{missed}", _why_missed(found, missed, unit)
     else:
         code, text = _REASONS.get(verdict, (None, None))
+        if text is not None:
+            text = text.format(kind="angle" if unit is Unit.DEGREES else "length")
     return found | {"reason_code": code, "reason_text": text}
 
 
-def _why_missed(angle: Mapping[str, Any], missed: LimitSide) -> str:
+def _in(unit: Unit, value: float | None) -> float | None:
+    return None if value is None else unit.factor * value
+
+
+def _beside(cycle: CycleRecord, part: Any, quantity: Quantity) -> dict[str, Any]:
+    """What explains a value of this quantity alone."""
+    geometry, told = cycle.geometry, QUANTITIES[quantity]
+    found: dict[str, Any] = {}
+    if quantity in (Quantity.TOE, *OF_VEHICLE):
+        found["reference"] = None if geometry is None else geometry.reference
+    if quantity is Quantity.TOE:
+        found["tyre_u_deg"] = _in(Unit.DEGREES, part.toe_tyre_u)
+    elif quantity is Quantity.THRUST_ANGLE and geometry is not None and geometry.reference == "vehicle":
+        found["tyre_u_deg"] = _in(Unit.DEGREES, geometry.thrust_angle_tyre_u)
+    elif quantity is Quantity.RUN_OUT:
+        found["run_out_phase_deg"] = _in(Unit.DEGREES, part.run_out_phase)
+    elif told.level == "geometry" and told.unit is Unit.MILLIMETRES:
+        found["end_points"] = part.end_points
+    return found
+
+
+def _why_missed(found: Mapping[str, Any], missed: LimitSide, unit: Unit) -> str:
     """Which limit, by how much, and whether only the guard band stood between."""
-    value, limit = angle["value_deg"], angle[f"{missed}_deg"]
+    value, limit = found[f"value_{unit}"], found[f"{missed}_{unit}"]
+    shown = f"{limit:.{unit.decimals}f}{unit.sign}"
     beyond = limit - value if missed is LimitSide.LOW else value - limit
     if beyond > 0.0:
-        return (
-            f"{'below' if missed is LimitSide.LOW else 'above'} the limit {limit:.4f}° by {_shown(beyond)}°"
-        )
-    expanded = angle["coverage_factor"] * angle["u_deg"]
+        side = "below" if missed is LimitSide.LOW else "above"
+        return f"{side} the limit {shown} by {_shown(beyond, unit)}"
+    expanded = found["coverage_factor"] * found[f"u_{unit}"]
     return (
-        f"only {_shown(-beyond)}° inside the limit {limit:.4f}°, less than the expanded uncertainty "
-        f"{_shown(expanded)}°"
+        f"only {_shown(-beyond, unit)} inside the limit {shown}, less than the expanded uncertainty "
+        f"{_shown(expanded, unit)}"
     )
 
 
-def _shown(degrees: float) -> str:
-    """Four decimals, or two digits of what is smaller."""
-    return f"{degrees:.4f}" if degrees >= 1e-4 or degrees == 0.0 else f"{degrees:.1e}"
+def _shown(value: float, unit: Unit) -> str:
+    """The decimals of its unit, or two digits of what is smaller."""
+    plain = value >= 10.0**-unit.decimals or value == 0.0
+    return f"{value:.{unit.decimals}f}{unit.sign}" if plain else f"{value:.1e}{unit.sign}"

@@ -1,6 +1,6 @@
 """The read side of the result database: who may only read asks here; see `docs/database.md`."""
 
-from db.queries.filters import EVERYTHING, Characteristic, Filter, Quantity, Shift
+from db.queries.filters import EVERYTHING, Characteristic, Filter, Shift
 from db.queries.names import KnownNames, known_names, require_known
 from db.queries.reader import ResultReader
 from db.queries.series import ValueSeries, cycle_records, value_series
@@ -25,6 +25,7 @@ from db.queries.traces import (
     station_names,
     vin_history,
 )
+from db.records import Quantity
 
 __all__ = [
     "EVERYTHING",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime, time, timedelta
@@ -27,32 +26,20 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from alignment.errors import InputError
-from db.records import Verdict, check_text
+from db.records import Quantity, Verdict, check_text
 from db.schema import cycles, plants, station_versions, stations, sums_state, vehicles
 
 _LONGEST_SHIFT_PERIOD = timedelta(days=400)
 
 
-class Quantity(enum.StrEnum):
-    """The angles that are stored: of a wheel, of an axle, of the vehicle."""
-
-    CAMBER = "camber"
-    TOE = "toe"
-    TOTAL_TOE = "total_toe"
-    CAMBER_DIFFERENCE = "camber_difference"
-    THRUST_ANGLE = "thrust_angle"
-    FRONT_TOE_LEFT_TO_THRUST = "front_toe_left_to_thrust"
-    FRONT_TOE_RIGHT_TO_THRUST = "front_toe_right_to_thrust"
-
-
 @dataclass(frozen=True, order=True)
 class Characteristic:
-    """One angle of one part: ``front_left.toe``, ``rear.total_toe``, ``vehicle.thrust_angle``.
+    """One value of one part: ``front_left.toe``, ``rear.total_toe``, ``vehicle.track_front``.
 
     Attributes
     ----------
     part
-        A wheel for camber and toe, an axle for total toe and camber difference, else ``vehicle``.
+        A wheel for camber, toe and run-out, an axle for total toe and camber difference, else ``vehicle``.
     """
 
     part: str

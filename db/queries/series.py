@@ -12,7 +12,6 @@ from sqlalchemy import (
     Connection,
     Double,
     Select,
-    Table,
     Text,
     cast,
     null,
@@ -25,14 +24,7 @@ from db.queries.filters import EVERYTHING, Characteristic, Filter, about_cycles,
 from db.queries.reader import ResultReader, question
 from db.records import StoredCycle
 from db.rows import CYCLES, read_cycles
-from db.schema import (
-    axle_results,
-    cycles,
-    vehicle_results,
-    vehicles,
-    wheel_results,
-)
-from db.sums import OF_AXLE, OF_WHEEL
+from db.schema import cycles, part_column, results_of, vehicles, wheel_results
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +126,7 @@ def cycle_records(
 
 def _series(connection: Connection, characteristic: Characteristic, where: Filter) -> Select[Any]:
     quantity = characteristic.quantity
-    table: Table = (
-        wheel_results if quantity in OF_WHEEL else axle_results if quantity in OF_AXLE else vehicle_results
-    )
+    table = results_of(quantity)
     nothing = cast(null(), Double)
     columns = [
         table.c.get(name, nothing)
@@ -158,9 +148,9 @@ def _series(connection: Connection, characteristic: Characteristic, where: Filte
         .outerjoin(vehicles, cycles.c.vehicle_id == vehicles.c.id)
         .where(columns[0].is_not(None), *about_cycles(where))
     )
-    part = {wheel_results: "wheel", axle_results: "axle"}.get(table)
+    part = part_column(table)
     if part is not None:
-        query = query.where(table.c[part] == characteristic.part)
+        query = query.where(part == characteristic.part)
     if where.verdict is not None:
         query = query.where(table.c.verdict == where.verdict)
     if not where.stations and not where.plants and (where.from_utc or where.until_utc):

@@ -17,31 +17,27 @@ from db.queries.filters import (
     Characteristic,
     Filter,
     Interval,
-    Quantity,
     about_cycles,
     at_stations,
     known_stations,
     within,
 )
 from db.queries.reader import ResultReader, question
-from db.records import CycleOutcome, Verdict, WheelOutcome
+from db.records import OF_WHEEL, CycleOutcome, Quantity, Verdict, WheelOutcome
 from db.schema import (
-    axle_results,
     counted_categories,
     cycles,
     result_counts,
+    results_of,
     stations,
     summed_characteristics,
     sums_state,
     value_sums,
-    vehicle_results,
     wheel_results,
 )
 from db.sums import (
     CATEGORY,
     CHARACTERISTIC,
-    OF_AXLE,
-    OF_WHEEL,
     SUMS,
     Selection,
     counted,
@@ -411,7 +407,7 @@ def _sums(
         for quantity in quantities:
             chosen = plan.others
             if where.verdict is not None:
-                chosen = chosen.also(_table_of(quantity).c.verdict == where.verdict)
+                chosen = chosen.also(results_of(quantity).c.verdict == where.verdict)
             collect(hourly(raw_values(chosen, (quantity,), parts)))
     found: _Sums = defaultdict(list)
     wanted = set(characteristics)
@@ -420,10 +416,6 @@ def _sums(
         if not wanted or characteristic in wanted:
             found[characteristic, row.low, row.high, tuple(row[: len(by)])].append(row)
     return found
-
-
-def _table_of(quantity: str) -> Table:
-    return wheel_results if quantity in OF_WHEEL else axle_results if quantity in OF_AXLE else vehicle_results
 
 
 def _merge(rows: Sequence[Any]) -> tuple[Any, ...]:

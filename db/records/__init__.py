@@ -1,6 +1,7 @@
 """The values that go into a database and come out."""
 
-from db.records.angle_verdicts import AngleVerdict, LimitSide, judge_angle, missed_limit
+from db.records.angle_verdicts import AngleVerdict, LimitSide, Verdict, judge_angle, missed_limit
+from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
     ArchivedShotRecord,
@@ -14,6 +15,17 @@ from db.records.quality import (
     StoredShot,
     StudyKind,
     VehicleTypeRecord,
+)
+from db.records.quantities import (
+    GEOMETRY_LIMITED,
+    OF_AXLE,
+    OF_GEOMETRY,
+    OF_VEHICLE,
+    OF_WHEEL,
+    QUANTITIES,
+    VEHICLE,
+    Quantity,
+    Unit,
 )
 from db.records.results import (
     AxleRecord,
@@ -30,7 +42,7 @@ from db.records.results import (
     StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
-    Verdict,
+    WheelKind,
     WheelOutcome,
     WheelRecord,
     ZeroRecord,
@@ -38,6 +50,13 @@ from db.records.results import (
 )
 
 __all__ = [
+    "GEOMETRY_LIMITED",
+    "OF_AXLE",
+    "OF_GEOMETRY",
+    "OF_VEHICLE",
+    "OF_WHEEL",
+    "QUANTITIES",
+    "VEHICLE",
     "AngleVerdict",
     "ArchiveRemoval",
     "ArchivedShotRecord",
@@ -51,8 +70,11 @@ __all__ = [
     "EventRecord",
     "GaugeStudyRecord",
     "GaugeValueRecord",
+    "GeometryRecord",
     "InstallationRecord",
     "LimitSide",
+    "Quantity",
+    "Reference",
     "RetentionClass",
     "Severity",
     "StationRecord",
@@ -62,10 +84,12 @@ __all__ = [
     "StoredWheel",
     "StoredZero",
     "StudyKind",
+    "Unit",
     "VehicleAnglesRecord",
     "VehicleRecord",
     "VehicleTypeRecord",
     "Verdict",
+    "WheelKind",
     "WheelOutcome",
     "WheelRecord",
     "ZeroRecord",

@@ -10,7 +10,13 @@ from __future__ import annotations
 import enum
 import math
 
-from db.records.results import Verdict
+
+class Verdict(enum.StrEnum):
+    """The comparison with the limits; `none` where there is no value or no limit to compare."""
+
+    OK = "ok"
+    NOK = "nok"
+    NONE = "none"
 
 
 class AngleVerdict(enum.StrEnum):

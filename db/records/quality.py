@@ -75,7 +75,8 @@ class VehicleTypeRecord:
     Attributes
     ----------
     limits
-        Radians: ``{"front": {"toe": [low, high], …}, …, "vehicle": {"thrust_angle": [low, high]}}``.
+        Radians, of lengths millimetres: ``{"front": {"toe": [low, high], …}, …, "vehicle": {"thrust_angle":
+        [low, high], "track_front": [low, high]}}``.
     """
 
     station: str

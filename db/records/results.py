@@ -20,6 +20,8 @@ from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
+from db.records.angle_verdicts import Verdict
+from db.records.geometry import GeometryRecord
 from db.records.plain import as_read_back, check_values
 
 
@@ -40,12 +42,16 @@ class WheelOutcome(enum.StrEnum):
     FAULT = "fault"
 
 
-class Verdict(enum.StrEnum):
-    """The comparison with the limits; `none` where there is no value or no limit to compare."""
+class WheelKind(enum.StrEnum):
+    """What a wheel's angles are of: the plane of its tyre as it stood, or the axis about which it turned."""
 
-    OK = "ok"
-    NOK = "nok"
-    NONE = "none"
+    TYRE_PLANE = "tyre_plane"
+    SPIN_AXIS = "spin_axis"
+
+    @classmethod
+    def of_method(cls, method: str) -> WheelKind | None:
+        """That of a method, which begins with it: ``tyre_plane/revolution``; None for any other text."""
+        return next((kind for kind in cls if method.partition("/")[0] == kind), None)
 
 
 class Severity(enum.StrEnum):
@@ -123,6 +129,22 @@ class WheelRecord:
     degraded
         Whether a head was lost and the others measured alone. None where nothing was measured, and in records
         of earlier programs that do not tell of a lost head.
+    kind
+        Of what the angles are: of the plane of the tyre, or of the axis about which it turned.
+    load_mm
+        Most by which the weight that the tyre carries moved its sidewall where the heads see it, which was
+        taken off, millimetres; None where the wheel showed no load.
+    run_out, run_out_u
+        Run-out of the tyre plane at the vehicle type's radius, peak to peak, and its standard uncertainty,
+        millimetres; None where the wheel was not turned, or it cannot be told from noise.
+    run_out_high
+        The limit used, millimetres.
+    run_out_phase, run_out_phase_u
+        Where the tyre stood out farthest at the last exposure, and standard uncertainty, radians: 0 at the
+        top, growing counter-clockwise seen from outboard.
+    toe_tyre_u
+        What the spread of tyre widths makes of `toe_u`, radians; part of it. None where toe refers to the
+        stand.
     """
 
     wheel: str
@@ -154,6 +176,14 @@ class WheelRecord:
     camber_unseen: float | None = None
     toe_unseen: float | None = None
     degraded: bool | None = None
+    kind: WheelKind | None = None
+    load_mm: float | None = None
+    run_out: float | None = None
+    run_out_u: float | None = None
+    run_out_high: float | None = None
+    run_out_phase: float | None = None
+    run_out_phase_u: float | None = None
+    toe_tyre_u: float | None = None
 
     def __post_init__(self) -> None:
         check_values(self)
@@ -224,6 +254,9 @@ class CycleRecord:
         Why the station failed or the operator aborted; None for `ok` and `nok`, which the wheels explain.
     wheels, axles
         Kept sorted by name; their order carries no meaning.
+    geometry
+        Lengths of the vehicle and how it stood; None where its rigs stand in no common frame, and in records
+        of earlier programs.
 
     Raises
     ------
@@ -248,6 +281,7 @@ class CycleRecord:
     wheels: tuple[WheelRecord, ...] = ()
     axles: tuple[AxleRecord, ...] = ()
     vehicle_angles: VehicleAnglesRecord | None = None
+    geometry: GeometryRecord | None = None
 
     def __post_init__(self) -> None:
         check_values(self)
@@ -265,8 +299,8 @@ class CycleRecord:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdicts of wheels, axles and vehicle angles."""
-        whole = () if self.vehicle_angles is None else (self.vehicle_angles.verdict,)
+        """The verdicts of wheels, axles, vehicle angles and geometry."""
+        whole = [part.verdict for part in (self.vehicle_angles, self.geometry) if part is not None]
         return (*(wheel.verdict for wheel in self.wheels), *(axle.verdict for axle in self.axles), *whole)
 
     def _check_outcome(self) -> None:

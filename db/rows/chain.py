@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import cache
@@ -23,7 +23,14 @@ from uuid import UUID
 from sqlalchemy import Connection, bindparam, select, text
 
 from alignment.errors import StoreUnavailableError
-from db.records import ArchivedShotRecord, AxleRecord, CycleRecord, VehicleAnglesRecord, WheelRecord
+from db.records import (
+    ArchivedShotRecord,
+    AxleRecord,
+    CycleRecord,
+    GeometryRecord,
+    VehicleAnglesRecord,
+    WheelRecord,
+)
 from db.rows.reading import KIND_OF, key_of
 from db.schema import chain_links, cycles
 
@@ -38,11 +45,12 @@ PARTS: dict[str, type] = {
     "wheel_results": WheelRecord,
     "axle_results": AxleRecord,
     "vehicle_results": VehicleAnglesRecord,
+    "geometry_results": GeometryRecord,
 }
 _PART_NAMES = {"wheel_results": "wheel", "axle_results": "axle"}
 # Names of vehicles are in a table of their own.
 _VEHICLE = ("vin", "vehicle_type")
-_CYCLE_PARTS = frozenset(("vehicle", "wheels", "axles", "vehicle_angles"))
+_CYCLE_PARTS = frozenset(("vehicle", "wheels", "axles", "vehicle_angles", "geometry"))
 _EXACT = 2**53
 
 
@@ -87,6 +95,12 @@ def rows_text(digests: Mapping[str, str]) -> str:
     return _json(digests)
 
 
+def parts_of(record: CycleRecord) -> tuple[Sequence[Any], ...]:
+    """The records of a cycle that have rows of their own, in the order of `PARTS`."""
+    single = [() if part is None else (part,) for part in (record.vehicle_angles, record.geometry)]
+    return record.wheels, record.axles, *single
+
+
 def record_rows(record: Any, stored_utc: datetime | None) -> str:
     """The digests of all rows of a record that is written now."""
     own = {name: getattr(record, name, None) for name in content_names(type(record))}
@@ -95,8 +109,7 @@ def record_rows(record: Any, stored_utc: datetime | None) -> str:
     if record.vehicle is not None:
         own |= {"vin": record.vehicle.vin, "vehicle_type": record.vehicle.vehicle_type}
     digests = {"cycle": digest(own | {"stored_utc": stored_utc})}
-    angles = () if record.vehicle_angles is None else (record.vehicle_angles,)
-    for table, parts in zip(PARTS, (record.wheels, record.axles, angles), strict=True):
+    for table, parts in zip(PARTS, parts_of(record), strict=True):
         for part in parts:
             values = {name: getattr(part, name) for name in content_names(type(part))}
             digests[row_name(table, values)] = digest(values)

@@ -1,15 +1,15 @@
-"""What revision 0010 read out of texts, once, to fill columns of rows that were there before.
+"""What revisions 0010 and 0011 read out of texts, once, to fill columns of rows that were there before.
 
-As fixed as the revision itself: the chain of hashes covers the texts of those rows and not what was filled
-in, so the check of the chain reads them again by the same rules. Nothing else does; newer rows are written
-with their columns, and hashed with them.
+As fixed as the revisions themselves: the chain of hashes covers the texts of those rows and not what was
+filled in, so the check of the chain reads them again by the same rules. Nothing else does; newer rows are
+written with their columns, and hashed with them.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from uuid import UUID
 
@@ -43,22 +43,27 @@ def told_by_event(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def told_by_wheel(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns of a wheel's result that its method tells; None where it does not."""
+    """The columns of a wheel's result that its method told 0010; None where it did not."""
     return {"degraded": True if (row["method"] or "").endswith("/degraded") else None}
 
 
-_RULES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-    "events": told_by_event,
-    "wheel_results": told_by_wheel,
+def kind_told_by_wheel(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The column that the same method told 0011."""
+    beginning = (row["method"] or "").partition("/")[0]
+    return {"kind": beginning if beginning in ("tyre_plane", "spin_axis") else None}
+
+
+_Rule = Callable[[Mapping[str, Any]], dict[str, Any]]
+_RULES: dict[str, dict[str, _Rule]] = {
+    "0010": {"events": told_by_event, "wheel_results": told_by_wheel},
+    "0011": {"wheel_results": kind_told_by_wheel},
 }
 
 
-def as_before(table: str, row: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A row as it was before its columns were filled; no such row when they hold anything else."""
-    rule = _RULES.get(table)
-    if rule is None:
-        return row
-    told = rule(row)
+def as_before(table: str, row: Mapping[str, Any], revisions: Iterable[str]) -> Mapping[str, Any]:
+    """A row as it was before these revisions filled its columns; no such row when they hold anything else."""
+    rules = [rule for revision in revisions if (rule := _RULES.get(revision, {}).get(table)) is not None]
+    told = {name: value for rule in rules for name, value in rule(row).items()}
     if all(row[name] == value for name, value in told.items()):
         return {name: value for name, value in row.items() if name not in told}
     # Never what was hashed: a column that was emptied counts too.

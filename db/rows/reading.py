@@ -21,6 +21,7 @@ from db.records import (
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
+    GeometryRecord,
     InstallationRecord,
     StationRecord,
     StoredCycle,
@@ -42,6 +43,7 @@ from db.schema import (
     events,
     gauge_studies,
     gauge_values,
+    geometry_results,
     installations,
     plants,
     rigs,
@@ -62,7 +64,9 @@ _Record = TypeVar("_Record", bound="DataclassInstance")
 # Both databases bound the number of parameters of one statement.
 PORTION = 1000
 # Parts of records that have tables or columns of their own.
-_NESTED = frozenset(("vehicle", "wheels", "axles", "vehicle_angles", "plant", "rigs", "study", "shot"))
+_NESTED = frozenset(
+    ("vehicle", "wheels", "axles", "vehicle_angles", "geometry", "plant", "rigs", "study", "shot")
+)
 # Read as joined columns; written as keys.
 _JOINED: dict[type, frozenset[str]] = {
     InstallationRecord: frozenset(("station", "rig")),
@@ -164,6 +168,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     wheels = _results(connection, wheel_results, WheelRecord, ids)
     axles = _results(connection, axle_results, AxleRecord, ids)
     angles = _results(connection, vehicle_results, VehicleAnglesRecord, ids)
+    geometry = _results(connection, geometry_results, GeometryRecord, ids)
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -174,6 +179,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             wheels=tuple(wheels[row["id"]]),
             axles=tuple(axles[row["id"]]),
             vehicle_angles=next(iter(angles[row["id"]]), None),
+            geometry=next(iter(geometry[row["id"]]), None),
         )
         found.append(StoredCycle(record, row["stored_utc"]))
     return tuple(found)

@@ -29,12 +29,11 @@ from db.records import (
     ZeroRecord,
     ZeroRevocation,
 )
-from db.rows.chain import new_links
+from db.rows.chain import PARTS, new_links, parts_of
 from db.rows.reading import CYCLES, KIND_OF, PORTION, flat_values, key_of, load_records, read_cycles
 from db.schema import (
     archive_removals,
     archived_shots,
-    axle_results,
     calibration_checks,
     calibrations,
     chain_links,
@@ -43,14 +42,13 @@ from db.schema import (
     gauge_studies,
     gauge_values,
     installations,
+    metadata,
     plants,
     rigs,
     station_versions,
     stations,
-    vehicle_results,
     vehicle_type_limits,
     vehicles,
-    wheel_results,
     zero_measurements,
     zero_revocations,
 )
@@ -113,7 +111,7 @@ def write_cycles(
         portion = _missing(connection, cycles, "uuid", rows[start : start + PORTION])
         if portion:
             added |= {row.uuid: row.id for row in connection.execute(returning, portion)}
-    parts: dict[Table, list[dict[str, Any]]] = {wheel_results: [], axle_results: [], vehicle_results: []}
+    parts: dict[Table, list[dict[str, Any]]] = {metadata.tables[name]: [] for name in PARTS}
     once: dict[UUID, CycleRecord] = {}
     for record in records:
         known = once.setdefault(record.uuid, record) if record.uuid in added else None
@@ -123,14 +121,10 @@ def write_cycles(
         _require_same("cycle", record, known == record)
     parts[chain_links] = new_links(connection, [(record, stored_utc) for record in once.values()])
     for record in once.values():
-        angles = () if record.vehicle_angles is None else (record.vehicle_angles,)
-        results: tuple[tuple[Table, Sequence[Any]], ...] = (
-            (wheel_results, record.wheels),
-            (axle_results, record.axles),
-            (vehicle_results, angles),
-        )
-        for table, items in results:
-            parts[table] += [flat_values(item) | {"cycle_id": added[record.uuid]} for item in items]
+        for name, items in zip(PARTS, parts_of(record), strict=True):
+            parts[metadata.tables[name]] += [
+                flat_values(item) | {"cycle_id": added[record.uuid]} for item in items
+            ]
     insert_rows(connection, parts)
     return frozenset(added)
 

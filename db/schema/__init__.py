@@ -8,6 +8,8 @@ the tables of `CHANGING` are kept up to date instead.
 
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
 from db.schema.chain import chain_links
+from db.schema.geometry import geometry_results
+from db.schema.levels import part_column, results_of
 from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
 from db.schema.quality import archive_removals, archived_shots, gauge_studies, gauge_values
 from db.schema.results import (
@@ -62,11 +64,14 @@ __all__ = [
     "events",
     "gauge_studies",
     "gauge_values",
+    "geometry_results",
     "installations",
     "metadata",
     "outbox",
+    "part_column",
     "plants",
     "result_counts",
+    "results_of",
     "rigs",
     "shipments",
     "station_leases",

@@ -79,6 +79,16 @@ def uncertainty(name: str) -> str:
     return f"({name} > 0 AND {name} <= 3.2)"
 
 
+def length(name: str) -> str:
+    """Condition: a possible length of a vehicle, millimetres."""
+    return f"{name} BETWEEN -100000 AND 100000"
+
+
+def uncertainty_mm(name: str) -> str:
+    """Condition: a possible standard uncertainty of a length, millimetres."""
+    return f"({name} > 0 AND {name} <= 10000)"
+
+
 def ordered(*names: str) -> list[str]:
     """Conditions: the lower limit first."""
     return [f"{name}_low <= {name}_high" for name in names]

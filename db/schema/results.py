@@ -206,6 +206,17 @@ wheel_results = Table(
     Column("toe_unseen", Double),
     # Whether a head was lost; empty where nothing was measured, and in older records that do not tell.
     Column("degraded", Boolean),
+    # Of what the angles are; empty where the method of an older record does not tell.
+    Column("kind", Text),
+    Column("load_mm", Double),
+    # Peak to peak, millimetres, and its highest accepted value.
+    Column("run_out", Double),
+    Column("run_out_u", Double),
+    Column("run_out_high", Double),
+    Column("run_out_phase", Double),
+    Column("run_out_phase_u", Double),
+    # The tyre widths' part of `toe_u`.
+    Column("toe_tyre_u", Double),
     check("wheel_not_empty", "wheel <> ''"),
     check(
         "measured_is_complete",
@@ -231,6 +242,12 @@ wheel_results = Table(
     check("possible_uncertainties", uncertainty("camber_u"), uncertainty("toe_u")),
     check("coverage_factor_positive", "coverage_factor > 0"),
     check("possible_quality", "points_used >= 0", "residual_rms_mm >= 0", "duration_s >= 0"),
+    check("possible_kind", "kind IN ('tyre_plane', 'spin_axis')"),
+    check("possible_load", "load_mm BETWEEN 0 AND 1000"),
+    check("possible_run_out", "run_out BETWEEN 0 AND 1000", "run_out_u BETWEEN 0 AND 1000"),
+    check("run_out_is_explained", "run_out IS NULL OR run_out_u IS NOT NULL"),
+    check("possible_phase", angle("run_out_phase"), "run_out_phase_u BETWEEN 0 AND 3.2"),
+    check("possible_tyre_share", "toe_tyre_u BETWEEN 0 AND 3.2"),
     # Serves "which wheels rest on this calibration", asked when one turns out bad.
     Index(None, "calibration_id"),
     # By far the largest table. Cycles count up in time, so each partition is a stretch of time that an

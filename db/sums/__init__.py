@@ -3,8 +3,6 @@
 from db.sums.partial import (
     CATEGORY,
     CHARACTERISTIC,
-    OF_AXLE,
-    OF_WHEEL,
     SUMS,
     Selection,
     counted,
@@ -20,8 +18,6 @@ from db.sums.update import bring_up_to_date, check_sums, forget_sums, update_sum
 __all__ = [
     "CATEGORY",
     "CHARACTERISTIC",
-    "OF_AXLE",
-    "OF_WHEEL",
     "SUMS",
     "Selection",
     "bring_up_to_date",

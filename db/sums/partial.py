@@ -17,7 +17,6 @@ from sqlalchemy import (
     Double,
     Integer,
     Select,
-    Table,
     Text,
     and_,
     case,
@@ -33,15 +32,20 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.sql.selectable import CompoundSelect
 
-from db.schema import axle_results, cycles, vehicle_results, vehicles, wheel_results
+from db.records import VEHICLE, Quantity
+from db.schema import (
+    axle_results,
+    cycles,
+    part_column,
+    results_of,
+    vehicle_results,
+    vehicles,
+    wheel_results,
+)
 
 SUMS = ("n", "mean", "m2", "minimum", "maximum", "n_low", "n_high", "m2_within", "dof_within")
 CHARACTERISTIC = ("part", "quantity", "vehicle_type", "low", "high")
 CATEGORY = ("level", "part", "vehicle_type", "outcome", "verdict", "reason_code")
-VEHICLE_PART = "vehicle"
-OF_WHEEL = ("camber", "toe")
-OF_AXLE = ("total_toe", "camber_difference")
-OF_VEHICLE = ("thrust_angle", "front_toe_left_to_thrust", "front_toe_right_to_thrust")
 
 
 @dataclass(frozen=True)
@@ -89,26 +93,19 @@ def _postgresql_hour(element: Any, compiler: SQLCompiler, **options: Any) -> str
     return f"CAST(floor(extract(epoch FROM {time}) / 3600) AS INTEGER)"
 
 
-def _table_of(quantity: str) -> tuple[Table, Any]:
-    if quantity in OF_WHEEL:
-        return wheel_results, wheel_results.c.wheel
-    return (axle_results, axle_results.c.axle) if quantity in OF_AXLE else (vehicle_results, None)
-
-
 @cache
 def _all_values(quantity: str) -> Select[Any]:
     """Every stored value of a quantity; kept, for making it takes longer than many an answer."""
-    table, part = _table_of(quantity)
-    value = table.c[quantity]
-    judged = f"{quantity}_low" in table.c
-    low = table.c[f"{quantity}_low"] if judged else cast(null(), Double)
-    high = table.c[f"{quantity}_high"] if judged else cast(null(), Double)
+    table = results_of(quantity)
+    part = part_column(table)
+    value, nothing = table.c[quantity], cast(null(), Double)
+    low, high = (table.c.get(f"{quantity}_{end}", nothing) for end in ("low", "high"))
     margin: Any = literal(0.0)
-    if judged:
+    if low is not nothing or high is not nothing:
         margin = case((table.c.guard_band, table.c.coverage_factor * table.c[f"{quantity}_u"]), else_=0.0)
     return (
         select(
-            (literal(VEHICLE_PART, Text) if part is None else part).label("part"),
+            (literal(VEHICLE, Text) if part is None else part).label("part"),
             literal(quantity, Text).label("quantity"),
             vehicles.c.vehicle_type.label("vehicle_type"),
             low.label("low"),
@@ -133,14 +130,15 @@ def _all_values(quantity: str) -> Select[Any]:
 
 
 def _values_of(quantity: str, selection: Selection, parts: Sequence[str]) -> Select[Any]:
-    table, part = _table_of(quantity)
+    table = results_of(quantity)
+    part = part_column(table)
     query = _all_values(quantity).where(*selection.of_cycles, *selection.of(table.c.cycle_id))
     return query.where(part.in_(parts)) if part is not None and parts else query
 
 
 def raw_values(
     selection: Selection,
-    quantities: Sequence[str] = (*OF_WHEEL, *OF_AXLE, *OF_VEHICLE),
+    quantities: Sequence[str] = tuple(Quantity),
     parts: Sequence[str] = (),
 ) -> list[Select[Any]]:
     """Every stored value as a sum of one: `CHARACTERISTIC`, ``station``, ``start`` (its hour), `SUMS`.
@@ -170,7 +168,7 @@ def _all_outcomes(level: str) -> Select[Any]:
         ),
         "axle": (axle_results.c.axle, measured, cast(axle_results.c.verdict, Text), nothing),
         "vehicle": (
-            literal(VEHICLE_PART, Text),
+            literal(VEHICLE, Text),
             measured,
             cast(vehicle_results.c.verdict, Text),
             nothing,

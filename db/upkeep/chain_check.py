@@ -98,7 +98,7 @@ def check_chains(connection: Connection) -> ChainReport:
             for link in portion:
                 findings += _place(link, end)
                 end = Head(link.number, link.hash)
-            findings += _contents(connection, portion, away, filled.get(chain, 0))
+            findings += _contents(connection, portion, away, filled.get(chain, {}))
         heads[str(chain)] = end
     findings += _beside(connection)
     findings += [
@@ -121,13 +121,15 @@ def _portions(connection: Connection, chain: str) -> Iterator[Sequence[Row[Any]]
         last = portion[-1].number
 
 
-def _filled(connection: Connection) -> dict[str, int]:
-    """Of each chain the last link before a revision filled columns of stored rows; none where none did."""
-    marked = select(chain_links.c.rows).where(chain_links.c.kind == FILLED).limit(_MOST)
-    found: dict[str, int] = {}
-    for rows in connection.execute(marked).scalars():
+def _filled(connection: Connection) -> dict[str, dict[str, int]]:
+    """Of each chain the last link before each revision that filled columns of stored rows."""
+    marked = select(chain_links.c.key, chain_links.c.rows).where(chain_links.c.kind == FILLED).limit(_MOST)
+    found: dict[str, dict[str, int]] = {}
+    for revision, rows in connection.execute(marked):
         try:
-            found |= {str(chain): int(number) for chain, number in json.loads(rows).items()}
+            ends = {str(chain): int(number) for chain, number in json.loads(rows).items()}
+            for chain, number in ends.items():
+                found.setdefault(chain, {})[str(revision)] = number
         except (ValueError, TypeError, AttributeError):
             # Told with the link: it does not have its hash.
             continue
@@ -152,9 +154,12 @@ def _whose(chain: str) -> str:
 
 
 def _contents(
-    connection: Connection, portion: Sequence[Row[Any]], away: dict[tuple[int, int], int], filled: int
+    connection: Connection,
+    portion: Sequence[Row[Any]],
+    away: dict[tuple[int, int], int],
+    filled: Mapping[str, int],
 ) -> Iterator[_Finding]:
-    """Compare the records of links with what is stored; up to link `filled` columns were filled since."""
+    """Compare the records of links with what is stored; `filled` names the last link before each revision."""
     of_records = (link for link in portion if link.kind not in (START, FILLED))
     by_kind = sorted(of_records, key=lambda link: str(link.kind))
     for kind, group in groupby(by_kind, key=lambda link: link.kind):
@@ -164,7 +169,10 @@ def _contents(
                 name = f"chain_links, link {link.number} of {_whose(link.chain)}"
                 yield _Finding("chain_links", f"{name}: no record is a '{kind}'")
             continue
-        earlier = frozenset(link.key for link in links if link.number <= filled)
+        earlier = {
+            link.key: frozenset(revision for revision, last in filled.items() if link.number <= last)
+            for link in links
+        }
         stored = _stored(connection, kind, [link.key for link in links], earlier)
         for link in links:
             yield from _differences(link, stored.get(link.key), away)
@@ -214,11 +222,11 @@ def _shown(key: str) -> str:
 
 
 def _stored(
-    connection: Connection, kind: str, keys: Sequence[str], earlier: frozenset[str]
+    connection: Connection, kind: str, keys: Sequence[str], earlier: Mapping[str, frozenset[str]]
 ) -> dict[str, Any]:
     """By key the row's own id and the digests of all rows; what cannot be read has a sentence instead.
 
-    Those of the keys `earlier` are of the rows as they were before their columns were filled.
+    They are of the rows as they were before the revisions that `earlier` names of their keys.
     """
     try:
         return _digests(connection, kind, keys, earlier)
@@ -234,30 +242,31 @@ def _stored(
 
 
 def _digests(
-    connection: Connection, kind: str, keys: Sequence[str], earlier: frozenset[str]
+    connection: Connection, kind: str, keys: Sequence[str], earlier: Mapping[str, frozenset[str]]
 ) -> dict[str, Any]:
     query, column, by_uuid = query_of(kind)
     wanted = [UUID(key) for key in keys] if by_uuid else list(keys)
     rows = connection.execute(query.where(column.in_(wanted))).mappings().all()
     names = content_names(RECORD_OF_KIND[kind])
     found: dict[str, Any] = {}
-    by_id: dict[Any, tuple[bool, dict[str, str]]] = {}
+    by_id: dict[Any, tuple[frozenset[str], dict[str, str]]] = {}
     for row in rows:
         values = {name: row.get(name) for name in (*names, "stored_utc")}
         given = row["shot"] if kind == "removal" else row[column.name]
         key = given.hex if isinstance(given, UUID) else str(given)
         identity = row.get("id") if kind not in ("calibration", "zero") else None
-        digests = {kind: digest(as_before(TABLES[kind], values) if key in earlier else values)}
+        since = earlier.get(key, frozenset())
+        digests = {kind: digest(as_before(TABLES[kind], values, since))}
         found[key] = (identity, digests)
-        by_id[identity] = (key in earlier, digests)
+        by_id[identity] = (since, digests)
     if kind == "cycle":
         for name, part in PARTS.items():
             table = metadata.tables[name]
             of_these = select(table).where(table.c.cycle_id.in_(list(by_id)))
             for row in connection.execute(of_these).mappings():
                 values = {item: row[item] for item in content_names(part)}
-                is_earlier, digests = by_id[row["cycle_id"]]
-                digests[row_name(name, values)] = digest(as_before(name, values) if is_earlier else values)
+                since, digests = by_id[row["cycle_id"]]
+                digests[row_name(name, values)] = digest(as_before(name, values, since))
     return found
 
 

@@ -14,9 +14,11 @@ from db.records import (
     CycleRecord,
     VehicleAnglesRecord,
     Verdict,
+    WheelKind,
     WheelOutcome,
     WheelRecord,
 )
+from station.cycle.geometry import tyre_u
 from station.cycle.judging import Evaluation, JudgedWheel, axle_of
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
@@ -111,7 +113,33 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         camber_unseen=unseen[0],
         toe_unseen=unseen[1],
         degraded=None if found is None else bool(found.degraded),
+        kind=None if found is None else WheelKind.of_method(found.method),
+        load_mm=None if found is None or found.load_mm is None else float(found.load_mm),
+        toe_tyre_u=_toe_tyre_u(wheel, evaluation),
+        **_run_out(wheel, evaluation.coverage_factor),
     )
+
+
+def _run_out(wheel: JudgedWheel, coverage_factor: float) -> dict[str, float | None]:
+    """The run-out of a wheel that was turned, millimetres, with its limit and where its high spot was."""
+    found = wheel.run_out
+    if found is None:
+        return {}
+    return {
+        "run_out": found.value_mm,
+        "run_out_u": found.u95_mm / coverage_factor,
+        "run_out_high": found.most_mm,
+        "run_out_phase": found.high_spot,
+        "run_out_phase_u": found.high_spot_u,
+    }
+
+
+def _toe_tyre_u(wheel: JudgedWheel, evaluation: Evaluation) -> float | None:
+    """The tyre widths' part of the uncertainty of a toe against the vehicle's centreline."""
+    geometry = None if evaluation.vehicle is None else evaluation.vehicle.geometry
+    if evaluation.reference == "stand" or geometry is None or wheel.values is None:
+        return None
+    return tyre_u(geometry, f"{wheel.result.wheel}.toe")
 
 
 def _warning(wheel: JudgedWheel, evaluation: Evaluation) -> str | None:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from alignment.errors import DegenerateInputError
 from alignment.vehicle import FOUR_WHEELS, Stand, VehicleGeometry, vehicle_geometry
+from db.records import Reference
 from station.configuration import VehicleType
 from station.cycle.positions import WheelResult
 from station.cycle.words import Mode
-
-Reference = Literal["vehicle", "stand"]
-"""What individual toe and thrust angle refer to: the vehicle's own centreline, or the stand's axis."""
 
 
 @dataclass(frozen=True)

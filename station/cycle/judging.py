@@ -18,8 +18,9 @@ from alignment.vehicle import (
     vehicle_angles,
 )
 from alignment.wheel import run_out_mm
+from db.records import Reference
 from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
-from station.cycle.frame import CommonFrame, Reference, geometry_of, whole_vehicle
+from station.cycle.frame import CommonFrame, geometry_of, whole_vehicle
 from station.cycle.positions import Failure, WheelResult
 from station.cycle.verdict import Angle, Status
 
@@ -53,6 +54,11 @@ class JudgedRunOut:
     def u95_mm(self) -> float:
         """Expanded uncertainty."""
         return run_out_mm(self.tilt.expanded_uncertainty or 0.0, self.radius_mm)
+
+    @property
+    def most_mm(self) -> float | None:
+        """Largest accepted value; None without a limit."""
+        return None if self.tilt.limits is None else run_out_mm(self.tilt.limits.high, self.radius_mm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from alignment.errors import together
 from db.records import CycleOutcome, CycleRecord, Severity, VehicleRecord
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
+from station.cycle.geometry import geometry_record
 from station.cycle.judging import Evaluation
 from station.cycle.ports import Identity
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
@@ -66,6 +67,7 @@ def cycle_record(
         wheels=wheel_records(evaluation),
         axles=axle_records(evaluation),
         vehicle_angles=vehicle_record(evaluation),
+        geometry=geometry_record(evaluation),
     )
     return record, trouble
 

@@ -13,7 +13,7 @@ from db.connection import station_lock
 from db.records import InstallationRecord, Severity, StationRecord, VehicleTypeRecord
 from db.store import ResultStore
 from db.upkeep import BackgroundWork, Policy, Shipper, StoreHealth
-from station.configuration import ArchiveSettings, Configuration, Tolerance, VehicleType
+from station.configuration import ArchiveSettings, Configuration, LengthTolerance, Tolerance, VehicleType
 from station.cycle import WheelPosition
 from station.store.archive import ImageArchive
 
@@ -104,9 +104,9 @@ def archive_policy(settings: ArchiveSettings) -> Policy:
 
 
 def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:
-    """The limits of a vehicle type in radians, as `VehicleTypeRecord` holds them."""
+    """The limits of a vehicle type in radians and millimetres, as `VehicleTypeRecord` holds them."""
 
-    def pair(tolerance: Tolerance) -> list[float]:
+    def pair(tolerance: Tolerance | LengthTolerance) -> list[float]:
         limits = tolerance.limits()
         return [limits.low, limits.high]
 
@@ -119,6 +119,12 @@ def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:
             "camber_difference": tolerances.camber_difference,
         }
         found[axle] = {angle: pair(tolerance) for angle, tolerance in given.items() if tolerance is not None}
-    if kind.thrust_angle is not None:
-        found["vehicle"] = {"thrust_angle": pair(kind.thrust_angle)}
+    of_vehicle: dict[str, Tolerance | LengthTolerance | None] = {
+        "thrust_angle": kind.thrust_angle,
+        "yaw": kind.yaw,
+        **kind.lengths.stated,
+    }
+    given_vehicle = {name: pair(tolerance) for name, tolerance in of_vehicle.items() if tolerance is not None}
+    if given_vehicle:
+        found["vehicle"] = given_vehicle
     return found

@@ -16,6 +16,7 @@ from db.records import (
     CycleRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
+    GeometryRecord,
     InstallationRecord,
     RetentionClass,
     StationRecord,
@@ -130,6 +131,23 @@ ANGLES = VehicleAnglesRecord(
     front_toe_left_to_thrust=2e-3,
     front_toe_right_to_thrust=1e-3,
 )
+
+
+def geometry(**changes: Any) -> GeometryRecord:
+    """A vehicle of which every length is inside of its limits, those of the front track narrow."""
+    lengths = {
+        "wheelbase_left": 2701.25, "wheelbase_right": 2699.5, "wheelbase_difference": 1.75,
+        "track_front": 1512.5, "track_rear": 1508.0625, "sidewall_track_front": 1707.5,
+        "sidewall_track_rear": 1703.0625, "setback_front": -1.0, "setback_rear": 0.75, "axle_offset": 0.5,
+        "offset_front": 12.0, "offset_rear": 10.0, "place_x": 3.0, "place_y": 11.0,
+    }  # fmt: skip
+    values: dict[str, Any] = {
+        "reference": "vehicle", "end_points": "contact_centres", "verdict": Verdict.OK, "guard_band": True,
+        "coverage_factor": 2.0, "thrust_angle_tyre_u": 3e-6, "yaw": math.radians(0.1), "yaw_u": 2e-6,
+        "track_front_low": 1510.0, "track_front_high": 1515.0, "yaw_low": -0.01, "yaw_high": 0.01,
+        **lengths, **{f"{name}_u": 0.0625 for name in lengths},
+    }  # fmt: skip
+    return GeometryRecord(**(values | changes))
 
 
 def cycle(uuid: UUID | None = None, **changes: Any) -> CycleRecord:

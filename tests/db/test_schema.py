@@ -12,7 +12,15 @@ from sqlalchemy import Connection, Engine, Table, inspect, text
 from sqlalchemy.exc import DBAPIError, IntegrityError
 
 from db.connection import make_engine, parse_url
-from db.records import ArchiveRemoval, CycleOutcome, EventRecord, Severity, Verdict, WheelOutcome
+from db.records import (
+    OF_GEOMETRY,
+    ArchiveRemoval,
+    CycleOutcome,
+    EventRecord,
+    Severity,
+    Verdict,
+    WheelOutcome,
+)
 from db.rows import flat_values
 from db.schema import (
     CHANGING,
@@ -21,6 +29,7 @@ from db.schema import (
     calibration_checks,
     calibrations,
     cycles,
+    geometry_results,
     metadata,
     outbox,
     vehicle_results,
@@ -37,6 +46,7 @@ from tests.db.example_records import (
     axle,
     check,
     cycle,
+    geometry,
     installation,
     limits,
     refused_wheel,
@@ -50,6 +60,7 @@ from tests.db.example_records import (
 )
 
 TABLES = sorted(metadata.tables)
+MEASURED_GEOMETRY = ("end_points", *(f"{name}{end}" for name in OF_GEOMETRY for end in ("", "_u")))
 KEPT = sorted(set(TABLES) - {table.name for table in CHANGING})
 
 
@@ -66,7 +77,7 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_check(check())
             store.record_zero(zero())
             store.revoke_zero(revocation())
-            measured = cycle()
+            measured = cycle(geometry=geometry())
             store.write_cycle(measured)
             store.describe_station(station(), (limits(),), (installation(),))
             planned, kept = study(), shot(measured.uuid)
@@ -176,6 +187,28 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
         "ok_is_within_limits",
         {"verdict": Verdict.OK, "guard_band": False, "coverage_factor": 2.0, "thrust_angle_low": 0.1},
     ),
+    (wheel_results, "possible_kind", {"kind": "tyre"}),
+    (wheel_results, "possible_load", {"load_mm": -1.0}),
+    (wheel_results, "possible_run_out", {"run_out": -0.1, "run_out_u": 0.01}),
+    (wheel_results, "run_out_is_explained", {"run_out": 0.1}),
+    (wheel_results, "possible_phase", {"run_out_phase": 4.0}),
+    (wheel_results, "possible_tyre_share", {"toe_tyre_u": -1e-6}),
+    (geometry_results, "reference", {"reference": "road"}),
+    (geometry_results, "end_points", {"end_points": "rims"}),
+    (geometry_results, "values_are_complete", {"track_rear": None}),
+    (geometry_results, "values_are_complete", {"place_y_u": None}),
+    (geometry_results, "unmeasured_has_no_verdict", dict.fromkeys(MEASURED_GEOMETRY)),
+    (geometry_results, "verdict_is_explained", {"guard_band": None}),
+    (geometry_results, "ok_is_within_limits", {"track_front": 1509.0}),
+    (
+        geometry_results,
+        "limits_in_order",
+        {"verdict": Verdict.NOK, "setback_rear_low": 2.0, "setback_rear_high": 1.0},
+    ),
+    (geometry_results, "possible_angles", {"verdict": Verdict.NOK, "yaw": 4.0}),
+    (geometry_results, "possible_lengths", {"place_x": float("inf")}),
+    (geometry_results, "possible_uncertainties", {"axle_offset_u": 0.0}),
+    (geometry_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
     (calibrations, "validity", {"valid_until_utc": NOON}),
     (calibration_checks, "has_figures", {"as_found": None}),
     (calibration_checks, "reason_not_empty", {"reason": ""}),
@@ -195,6 +228,7 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     wheel_results: flat_values(wheel()),
     axle_results: flat_values(axle()),
     vehicle_results: flat_values(ANGLES),
+    geometry_results: flat_values(geometry()),
     calibrations: flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
     calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},

@@ -24,10 +24,11 @@ from db.queries import (
     events,
     value_series,
 )
-from db.records import EventRecord
+from db.records import EventRecord, Unit
 from station.quality.pictures import Picture, Trace
 from station.quality.reports.report import Section, TableRow, shown_time
-from station.quality.reports.values import NEWEST, aware_times, comparable, moments_in_degrees, wheel_angles
+from station.quality.reports.units import in_unit, moments_in_unit, unit_of
+from station.quality.reports.values import NEWEST, aware_times, comparable, wheel_angles
 
 TEMPERATURE = "temperature"
 """Code of events whose value is a temperature in degrees Celsius."""
@@ -38,11 +39,15 @@ _PICTURES = 16
 
 
 def compare_sections(
-    reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]
+    reader: ResultReader,
+    where: Filter,
+    characteristics: Sequence[Characteristic],
+    unit: Unit = Unit.DEGREES,
 ) -> list[Section]:
-    """Both sides of the same vehicles, and every station against all others."""
-    wanted = list(characteristics) or wheel_angles(reader, where)
-    return [_sides(reader, where, wanted), _stations(reader, where, characteristics)]
+    """Both sides of the same vehicles, and every station against all others, of the values of one unit."""
+    wanted = [each for each in characteristics or wheel_angles(reader, where) if unit_of(each) is unit]
+    asked = [each for each in characteristics if unit_of(each) is unit]
+    return [_sides(reader, where, wanted, unit), _stations(reader, where, asked, unit)]
 
 
 def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence[Characteristic]) -> Section:
@@ -58,9 +63,10 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
             at = series.time[mine].astype("datetime64[us]").astype(np.int64) / 1e6
             if len(mine) < 3:
                 continue
-            found = _drift(values[mine], at)
-            found += _calibration_steps(values[mine], series, mine)
-            found += _with_temperature(values[mine], at, temperatures.get(station))
+            word = unit_of(characteristic).word
+            found = _drift(values[mine], at, word)
+            found += _calibration_steps(values[mine], series, mine, word)
+            found += _with_temperature(values[mine], at, temperatures.get(station), word)
             head = {"characteristic": str(characteristic), "station": str(station)}
             rows += [head | row for row in found]
             if len(pictures) < _PICTURES:
@@ -83,7 +89,7 @@ def drift_section(reader: ResultReader, where: Filter, characteristics: Sequence
     )
 
 
-def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
+def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic], unit: Unit) -> Section:
     rows: list[TableRow] = []
     axles = sorted({(c.part.rpartition("_")[0], c.quantity) for c in wanted if c.part.endswith(SIDES)})
     for axle, quantity in axles:
@@ -99,36 +105,45 @@ def _sides(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]
         ]
         if len(pairs) < 2:
             continue
-        both = np.degrees(np.array(pairs))
+        both = unit.factor * np.array(pairs)
         difference = moments_of(both[:, 0] - both[:, 1])
         half, p = _confidence(difference.mean, difference.deviation / math.sqrt(len(pairs)), len(pairs) - 1)
         rows.append(
             {
                 "axle": axle, "angle": str(quantity), "vehicles": len(pairs),
-                "left_mean_deg": float(both[:, 0].mean()), "right_mean_deg": float(both[:, 1].mean()),
-                "left_less_right_deg": difference.mean, **_limits(difference.mean, half), "p": p,
+                f"left_mean_{unit}": float(both[:, 0].mean()),
+                f"right_mean_{unit}": float(both[:, 1].mean()),
+                f"left_less_right_{unit}": difference.mean, **_limits(difference.mean, half, unit), "p": p,
             }
         )  # fmt: skip
-    largest = max((abs(float(str(row["left_less_right_deg"]))) for row in rows), default=None)
+    largest = max((abs(float(str(row[f"left_less_right_{unit}"]))) for row in rows), default=None)
     return Section(
         "sides",
         "Left against right",
         rows,
-        {"largest_side_difference_deg": largest},
+        {f"largest_side_difference_{unit}": largest},
         f"Differences of the two wheels of the same vehicle, newest {NEWEST}; limits for 95 %.",
-        brief=("axle", "angle", "vehicles", "left_less_right_deg", "low_deg", "high_deg", "p"),
+        brief=(
+            "axle",
+            "angle",
+            "vehicles",
+            f"left_less_right_{unit}",
+            f"low_{unit}",
+            f"high_{unit}",
+            "p",
+        ),
         empty="Fewer than two vehicles have values of both sides.",
     )
 
 
-def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic]) -> Section:
+def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characteristic], unit: Unit) -> Section:
     groups: dict[tuple[str, str], dict[str, Moments]] = defaultdict(dict)
     for found in characteristic_moments(reader, where, wanted, (GroupBy.STATION,)):
-        if found.n >= 2:
-            limits = "none" if found.low is None else f"{math.degrees(found.low):.3f}"
-            limits += " … " + ("none" if found.high is None else f"{math.degrees(found.high):.3f}")
+        if found.n >= 2 and unit_of(found.characteristic) is unit:
+            ends = (in_unit(found.low, unit), in_unit(found.high, unit))
+            limits = " … ".join("none" if end is None else f"{end:.3f}" for end in ends)
             station = str(found.group[GroupBy.STATION])
-            groups[str(found.characteristic), limits][station] = moments_in_degrees(found)
+            groups[str(found.characteristic), limits][station] = moments_in_unit(found)
     rows: list[TableRow] = []
     for (characteristic, limits), by_station in groups.items():
         if len(by_station) < 2:
@@ -138,36 +153,46 @@ def _stations(reader: ResultReader, where: Filter, wanted: Sequence[Characterist
             difference, half, p = _welch(mine, others)
             rows.append(
                 {
-                    "characteristic": characteristic, "limits_deg": limits, "station": station, "n": mine.n,
-                    "mean_deg": mine.mean, "sigma_deg": mine.deviation, "less_others_deg": difference,
-                    **_limits(difference, half), "p": p,
+                    "characteristic": characteristic, f"limits_{unit}": limits, "station": station,
+                    "n": mine.n, f"mean_{unit}": mine.mean, f"sigma_{unit}": mine.deviation,
+                    f"less_others_{unit}": difference, **_limits(difference, half, unit), "p": p,
                 }
             )  # fmt: skip
-    largest = max((abs(float(str(row["less_others_deg"]))) for row in rows), default=None)
+    largest = max((abs(float(str(row[f"less_others_{unit}"]))) for row in rows), default=None)
     names = [f"{row['characteristic']} {row['station']}" for row in rows]
-    values = [float(str(row["less_others_deg"])) for row in rows]
+    values = [float(str(row[f"less_others_{unit}"])) for row in rows]
     picture = Picture(
-        "Stations less all others", "characteristic, station", "degrees",
+        "Stations less all others", "characteristic, station", unit.word,
         (Trace("difference", "bar", names, values),),
     )  # fmt: skip
     return Section(
         "stations",
         "Station against station",
         rows,
-        {"largest_station_difference_deg": largest},
+        {f"largest_station_difference_{unit}": largest},
         "Mean of a station less the mean of all others, for the same limits; limits for 95 % (Welch). "
         "Stations that see different vehicles differ for that reason too.",
         (picture,) if 0 < len(rows) <= 60 else (),
-        brief=("characteristic", "station", "n", "less_others_deg", "low_deg", "high_deg", "p"),
+        brief=(
+            "characteristic",
+            "station",
+            "n",
+            f"less_others_{unit}",
+            f"low_{unit}",
+            f"high_{unit}",
+            "p",
+        ),
         empty="Only one station has values of the same characteristic with the same limits.",
     )
 
 
-def _limits(value: float, half: float | None) -> dict[str, float | None]:
-    return {
-        "low_deg": None if half is None else value - half,
-        "high_deg": None if half is None else value + half,
-    }
+def _limits(value: float, half: float | None, unit: Unit) -> dict[str, float | None]:
+    low, high = _ends(value, half)
+    return {f"low_{unit}": low, f"high_{unit}": high}
+
+
+def _ends(value: float, half: float | None) -> tuple[float | None, float | None]:
+    return (None, None) if half is None else (value - half, value + half)
 
 
 def _welch(one: Moments, other: Moments) -> tuple[float, float | None, float | None]:
@@ -190,15 +215,15 @@ def _confidence(value: float, error: float, df: float) -> tuple[float | None, fl
     return float(stats.t.ppf(0.975, df)) * error, float(2 * stats.t.sf(abs(value) / error, df))
 
 
-def _drift(values: Array, at: Array) -> list[dict[str, str | float | int | None]]:
+def _drift(values: Array, at: Array, word: str) -> list[dict[str, str | float | int | None]]:
     slope, p = drift_per_day(values, at - at[0])
     if slope is None:
         return []
-    return [_influence("over time", "degrees per day", slope, p, len(values), values, (at - at[0]) / _DAY_S)]
+    return [_influence("over time", f"{word} per day", slope, p, len(values), values, (at - at[0]) / _DAY_S)]
 
 
 def _with_temperature(
-    values: Array, at: Array, known: tuple[Array, Array] | None
+    values: Array, at: Array, known: tuple[Array, Array] | None, word: str
 ) -> list[dict[str, str | float | int | None]]:
     if known is None:
         return []
@@ -211,7 +236,7 @@ def _with_temperature(
     if slope is None:
         return []
     return [
-        _influence("temperature", "degrees per kelvin", slope, p, int(inside.sum()), values[inside], warm)
+        _influence("temperature", f"{word} per kelvin", slope, p, int(inside.sum()), values[inside], warm)
     ]
 
 
@@ -222,10 +247,10 @@ def _influence(
     dx, dy = x - x.mean(), values - values.mean()
     rest = float(np.square(dy - slope * dx).sum()) / (n - 2)
     half = float(stats.t.ppf(0.975, n - 2)) * math.sqrt(rest / float(np.square(dx).sum()))
-    limits = _limits(slope, None if p is None else half)
+    low, high = _ends(slope, None if p is None else half)
     return {
-        "influence": name, "what": unit, "change": slope, "low": limits["low_deg"],
-        "high": limits["high_deg"], "p": p, "n": n,
+        "influence": name, "what": unit, "change": slope, "low": low,
+        "high": high, "p": p, "n": n,
     }  # fmt: skip
 
 
@@ -236,7 +261,7 @@ def _changes(series: ValueSeries, mine: Index) -> list[int]:
 
 
 def _calibration_steps(
-    values: Array, series: ValueSeries, mine: Index
+    values: Array, series: ValueSeries, mine: Index, word: str
 ) -> list[dict[str, str | float | int | None]]:
     changes = _changes(series, mine)
     rows: list[dict[str, str | float | int | None]] = []
@@ -247,13 +272,13 @@ def _calibration_steps(
             continue
         before, after = moments_of(values[first:at]), moments_of(values[at:last])
         difference, half, p = _welch(after, before)
-        limits = _limits(difference, half)
+        low, high = _ends(difference, half)
         time = aware_times(series)[mine[at]]
         rows.append(
             {
                 "influence": "calibration",
-                "what": f"{series.calibration_id[mine[at]]} from {shown_time(time)}, degrees",
-                "change": difference, "low": limits["low_deg"], "high": limits["high_deg"], "p": p,
+                "what": f"{series.calibration_id[mine[at]]} from {shown_time(time)}, {word}",
+                "change": difference, "low": low, "high": high, "p": p,
                 "n": after.n + before.n,
             }
         )  # fmt: skip
@@ -288,7 +313,7 @@ def _daily(
     if len(known) < 2:
         return None
     return Picture(
-        f"{characteristic} at {station}", "day (UTC)", "mean, degrees",
+        f"{characteristic} at {station}", "day (UTC)", f"mean, {unit_of(characteristic).word}",
         (Trace("daily mean", "line", [str(day) for day in known], means),), verticals=verticals,
         vertical_name="new calibration",
     )  # fmt: skip

@@ -15,6 +15,7 @@ from station.quality.reports.compare import compare_sections, drift_section
 from station.quality.reports.counts import pareto_section, yield_section
 from station.quality.reports.report import Report, Section, in_words
 from station.quality.reports.trace import since_check_sections, vin_sections
+from station.quality.reports.units import by_unit
 from station.quality.reports.values import capability_section, chart_sections
 
 
@@ -25,7 +26,7 @@ class ReportOptions:
     Attributes
     ----------
     characteristics
-        Angles; none means all that have values.
+        Angles and lengths; none means all that have values.
     chart, rules, size
         Kind of control charts, which signals count, values per subgroup.
     split
@@ -105,23 +106,26 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: ReportOptions) -> list[Section]:
-    angles = options.characteristics
+    asked = options.characteristics
     match kind:
         case ReportKind.YIELD:
             return [yield_section(reader, where)]
         case ReportKind.PARETO:
             return [pareto_section(reader, where)]
         case ReportKind.CAPABILITY:
-            return [capability_section(reader, where, angles, options.split)]
+            return by_unit(
+                asked, lambda unit: [capability_section(reader, where, asked, options.split, unit)]
+            )
         case ReportKind.CHART:
             baseline = None
             if options.limits_from is not None:
                 baseline = replace(where, from_utc=options.limits_from, until_utc=options.limits_until)
-            return chart_sections(reader, where, angles, options.chart, options.rules, options.size, baseline)
+            chart = options.chart, options.rules, options.size, baseline
+            return by_unit(asked, lambda unit: chart_sections(reader, where, asked, *chart, unit=unit))
         case ReportKind.COMPARE:
-            return compare_sections(reader, where, angles)
+            return by_unit(asked, lambda unit: compare_sections(reader, where, asked, unit))
         case ReportKind.DRIFT:
-            return [drift_section(reader, where, angles)]
+            return [drift_section(reader, where, asked)]
         case ReportKind.SINCE_CHECK:
             return since_check_sections(reader, where)
         case ReportKind.VIN:

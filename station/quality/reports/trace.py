@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 from uuid import UUID
 
 from alignment.errors import InputError
-from db.exports import angle_rows
+from db.exports import USUAL_K, AngleRow, angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
+from db.records import StoredCycle, Unit, WheelRecord
 from station.quality.reports.report import Section, TableRow, shown_time
 
 _LONGEST = 300
@@ -26,20 +28,10 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
     history = vin_history(reader, vin)
     if not history.cycles:
         raise InputError(choice="vin", expected=f"a VIN in {reader.where}", seen=f"no cycle of {vin!r}")
-    rows: list[TableRow] = [
-        {
-            "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
-            "angle": row.characteristic, "value_deg": row.value_deg,
-            "u95_deg": row.u95_deg,
-            "low_deg": row.low_deg, "high_deg": row.high_deg, "verdict": row.verdict,
-            "reason": row.reason_text, "part_verdict": row.part_verdict, "outcome": row.outcome,
-            "method": row.method, "degraded": row.degraded,
-            "calibration": row.calibration_id, "zero": row.zero_measurement_id,
-            "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
-        }
-        for stored in history.cycles
-        for row in angle_rows(stored)
-    ]  # fmt: skip
+    values = [row for stored in history.cycles for row in angle_rows(stored)]
+    rows = [_value_row(row, "angle") for row in values if row.unit == Unit.DEGREES]
+    lengths = [_value_row(row, "length") for row in values if row.unit == Unit.MILLIMETRES]
+    wheels = [_wheel_row(stored, wheel) for stored in history.cycles for wheel in stored.record.wheels]
     cycles: list[TableRow] = [
         {
             "received": shown_time(stored.record.received_utc), "stored": shown_time(stored.stored_utc),
@@ -66,8 +58,68 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             {"angles": len(rows)},
             brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "reason"),
         ),
+        Section(
+            "lengths",
+            "Lengths and run-outs",
+            lengths,
+            {"lengths": len(lengths)},
+            brief=("time", "length", "value_mm", "u95_mm", "low_mm", "high_mm", "verdict", "reason"),
+            empty="No length: the rigs stood in no common frame, and no wheel was turned.",
+        ),
+        Section(
+            "wheels",
+            "What stands behind the wheels",
+            wheels,
+            {"wheels": len(wheels)},
+            "Load: by how much the weight on the tyre moved its sidewall, which was taken off. Phase of a "
+            "run-out: where the tyre stood out farthest, 0° at the top, counter-clockwise seen from "
+            "outboard. Share of the tyres: what of the variance of toe comes from the spread of tyre widths.",
+            brief=(
+                "time",
+                "wheel",
+                "kind",
+                "load_mm",
+                "run_out_mm",
+                "run_out_phase_deg",
+                "toe_u95_deg",
+                "tyre_share_percent",
+            ),
+        ),
         *_explaining(history),
     ]
+
+
+def _value_row(row: AngleRow, what: str) -> TableRow:
+    """A value with everything that explains it; its columns carry its unit."""
+    numbers: TableRow = {
+        f"{name}_{row.unit}": value
+        for name, value in (("value", row.value), ("u95", row.u95), ("low", row.low), ("high", row.high))
+    }
+    return {
+        "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
+        what: row.characteristic, **numbers, "verdict": row.verdict,
+        "reason": row.reason_text, "part_verdict": row.part_verdict, "outcome": row.outcome,
+        "method": row.method, "degraded": row.degraded, "reference": row.reference,
+        "between": row.end_points,
+        "calibration": row.calibration_id, "zero": row.zero_measurement_id,
+        "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
+    }  # fmt: skip
+
+
+def _wheel_row(stored: StoredCycle, wheel: WheelRecord) -> TableRow:
+    """Of what the angles of a wheel are, what was taken off, and what its toe's uncertainty is made of."""
+    k = wheel.coverage_factor or USUAL_K
+    phase, toe_u, tyre_u = wheel.run_out_phase, wheel.toe_u, wheel.toe_tyre_u
+    return {
+        "time": shown_time(stored.record.received_utc), "wheel": wheel.wheel,
+        "kind": None if wheel.kind is None else str(wheel.kind), "load_mm": wheel.load_mm,
+        "run_out_mm": wheel.run_out,
+        "run_out_u95_mm": None if wheel.run_out_u is None else k * wheel.run_out_u,
+        "run_out_phase_deg": None if phase is None else math.degrees(phase),
+        "toe_u95_deg": None if toe_u is None else math.degrees(k * toe_u),
+        "tyre_share_percent": None if tyre_u is None or not toe_u else 100.0 * (tyre_u / toe_u) ** 2,
+        "cycle": str(stored.record.uuid),
+    }  # fmt: skip
 
 
 def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:

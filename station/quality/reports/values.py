@@ -17,7 +17,6 @@ from alignment.statistics import (
     ChartKind,
     Conclusion,
     ControlChart,
-    Moments,
     RuleSet,
     Track,
     capability,
@@ -39,21 +38,22 @@ from db.queries import (
     characteristic_moments,
     value_series,
 )
+from db.records import Unit
 from station.quality.pictures import Picture, Trace
 from station.quality.reports.choices import SplitBy
 from station.quality.reports.report import Section, TableRow, in_words, shown_time
+from station.quality.reports.units import in_unit, moments_in_unit, unit_of
 
 NEWEST = 20_000
 """Single values that distributions and charts take at most, the newest ones."""
 _PICTURES = 16
 _DRAWN = 2000  # points of a chart that are drawn, the newest ones; signals are listed for all
 _BINS = 40
-_DEG = 180.0 / math.pi
 _SPLITS: dict[SplitBy, tuple[GroupBy, ...]] = {
     SplitBy.NOTHING: (), SplitBy.STATION: (GroupBy.STATION,), SplitBy.DAY: (GroupBy.DAY,),
 }  # fmt: skip
 _BRIEF = (
-    "n", "verdict", "mean_deg", "sigma_deg", "cp", "cpk", "cpk_low", "ppk", "ppk_low", "missed_low",
+    "cp", "cpk", "cpk_low", "ppk", "ppk_low", "missed_low",
     "missed_high",
 )  # fmt: skip
 
@@ -63,13 +63,16 @@ def capability_section(
     where: Filter,
     characteristics: Sequence[Characteristic],
     split: SplitBy = SplitBy.NOTHING,
+    unit: Unit = Unit.DEGREES,
 ) -> Section:
-    """Indices of every characteristic with limits, by vehicle type, and its distribution."""
+    """Indices of every characteristic of one unit with limits, by vehicle type, and its distribution."""
     by = [GroupBy.VEHICLE_TYPE, *_SPLITS[split]]
     with_limits = [
         found
         for found in characteristic_moments(reader, where, characteristics, by)
-        if found.n >= 2 and (found.low is not None or found.high is not None)
+        if found.n >= 2
+        and (found.low is not None or found.high is not None)
+        and unit_of(found.characteristic) is unit
     ]
     rows: list[TableRow] = []
     pictures: list[Picture] = []
@@ -100,7 +103,7 @@ def capability_section(
     }
     if len(rows) == 1:
         keys = [f"{name}{end}" for name in ("cp", "cpk", "pp", "ppk") for end in ("", "_low", "_high")]
-        figures |= {key: _value(rows[0], key) for key in ("n", "mean_deg", "sigma_deg", *keys)}
+        figures |= {key: _value(rows[0], key) for key in ("n", f"mean_{unit}", f"sigma_{unit}", *keys)}
     grouped = () if split is SplitBy.NOTHING else ("group",)
     return Section(
         "capability",
@@ -115,14 +118,23 @@ def capability_section(
         "relied on; from 1000 values on pp_quantile and ppk_quantile (ISO 22514-2) do without a normal "
         "distribution.",
         pictures,
-        brief=("characteristic", "type", *grouped, *_BRIEF),
+        brief=(
+            "characteristic",
+            "type",
+            *grouped,
+            "n",
+            "verdict",
+            f"mean_{unit}",
+            f"sigma_{unit}",
+            *_BRIEF,
+        ),
         empty="No characteristic with limits has two values or more.",
     )
 
 
 def _capability_row(found: CharacteristicMoments, values: Array, split: SplitBy) -> TableRow:
-    overall = moments_in_degrees(found)
-    low, high = _degrees(found.low), _degrees(found.high)
+    overall, unit = moments_in_unit(found), unit_of(found.characteristic)
+    low, high = in_unit(found.low, unit), in_unit(found.high, unit)
     sigma, df = _within(found, values)
     indices = capability(overall, low, high, within_sigma=sigma, within_df=df)
     verdict = judged(indices)
@@ -131,9 +143,9 @@ def _capability_row(found: CharacteristicMoments, values: Array, split: SplitBy)
     grouped = {"group": groups[0]} if groups else {}
     return {
         "characteristic": str(found.characteristic), "type": _shown(found.group[GroupBy.VEHICLE_TYPE]),
-        **grouped, "n": found.n, "verdict": str(verdict.judgement), "mean_deg": overall.mean,
-        "sigma_within_deg": indices.within_sigma, "sigma_deg": overall.deviation,
-        "low_deg": low, "high_deg": high,
+        **grouped, "n": found.n, "verdict": str(verdict.judgement), f"mean_{unit}": overall.mean,
+        f"sigma_within_{unit}": indices.within_sigma, f"sigma_{unit}": overall.deviation,
+        f"low_{unit}": low, f"high_{unit}": high,
         **_index("cp", indices.cp), **_index("cpk", indices.cpk),
         **_index("pp", indices.pp), **_index("ppk", indices.ppk),
         "missed_low": found.n_low, "missed_high": found.n_high,
@@ -168,12 +180,13 @@ def chart_sections(
     rules: RuleSet,
     size: int,
     baseline: Filter | None = None,
+    unit: Unit = Unit.DEGREES,
 ) -> list[Section]:
-    """A control chart of each characteristic, and the list of its signals.
+    """A control chart of each characteristic of one unit, and the list of its signals.
 
     Limits come from the results of `baseline`, or from the values themselves without.
     """
-    wanted = list(characteristics) or wheel_angles(reader, where)
+    wanted = [each for each in characteristics or wheel_angles(reader, where) if unit_of(each) is unit]
     rows: list[TableRow] = []
     signals: list[TableRow] = []
     pictures: list[Picture] = []
@@ -194,9 +207,9 @@ def chart_sections(
         rows.append(
             {
                 "characteristic": str(characteristic), "values": len(values),
-                "centre_deg": chart.location.centre, "lower_deg": chart.location.lower,
-                "upper_deg": chart.location.upper, "sigma_deg": chart.sigma,
-                "spread_upper_deg": chart.spread.upper,
+                f"centre_{unit}": chart.location.centre, f"lower_{unit}": chart.location.lower,
+                f"upper_{unit}": chart.location.upper, f"sigma_{unit}": chart.sigma,
+                f"spread_upper_{unit}": chart.spread.upper,
                 "signals": None if chart.in_control is None else len(chart.location.signals),
                 "spread_signals": None if chart.in_control is None else len(chart.spread.signals),
                 "from_middle": "yes" if relative else "no",
@@ -226,7 +239,14 @@ def chart_sections(
             "Equal values have no spread, so their chart has no limits and judges nothing."
             + ("" if baseline is None else f" Control limits: {in_words(baseline)}."),
             pictures,
-            brief=("characteristic", "values", "centre_deg", "lower_deg", "upper_deg", "signals"),
+            brief=(
+                "characteristic",
+                "values",
+                f"centre_{unit}",
+                f"lower_{unit}",
+                f"upper_{unit}",
+                "signals",
+            ),
             empty="No characteristic has enough values for a chart.",
         ),
         Section(
@@ -247,26 +267,20 @@ def wheel_angles(reader: ResultReader, where: Filter) -> list[Characteristic]:
 
 
 def comparable(series: ValueSeries) -> tuple[Array, bool]:
-    """(N,) values in degrees, and whether they count from the middle of their own limits.
+    """(N,) values in their unit, and whether they count from the middle of their own limits.
 
     They do where vehicles have different limits: their nominal angles differ, and one process is looked for.
     Where a type has no middle, the median of its values stands for it.
     """
+    factor = unit_of(series.characteristic).factor
     limits = {(low, high) for low, high in zip(_known(series.low), _known(series.high), strict=True)}
     if len(limits) < 2:
-        return series.value * _DEG, False
+        return series.value * factor, False
     middle = (series.low + series.high) / 2.0
     for kind in set(series.vehicle_type[np.isnan(middle)]):
         without = np.isnan(middle) & (series.vehicle_type == kind)
         middle[without] = np.median(series.value[without])
-    return (series.value - middle) * _DEG, True
-
-
-def moments_in_degrees(found: CharacteristicMoments) -> Moments:
-    """The same moments in degrees."""
-    # Of equal values rounding may leave squares in the sums; they have none.
-    squares = found.m2 * _DEG**2 if found.maximum > found.minimum else 0.0
-    return Moments(found.n, found.mean * _DEG, squares, found.minimum * _DEG, found.maximum * _DEG)
+    return (series.value - middle) * factor, True
 
 
 def aware_times(series: ValueSeries) -> list[datetime]:
@@ -280,28 +294,29 @@ def _known(values: Array) -> list[float | None]:
 
 
 def _within(found: CharacteristicMoments, values: Array) -> tuple[float | None, int | None]:
-    """Short-term spread in degrees and its degrees of freedom.
+    """Short-term spread in the unit of the values and its degrees of freedom.
 
     Where no two vehicles came in one hour, it is that of successive values.
     """
     if found.std_within is not None:
-        return found.std_within * _DEG, found.dof_within
+        return found.std_within * unit_of(found.characteristic).factor, found.dof_within
     return moving_range_sigma(values) or (None, None)
 
 
 def _values_of(series: ValueSeries, found: CharacteristicMoments) -> Array:
-    """(N,) values in degrees of the same limits and vehicle type."""
+    """(N,) values in their unit of the same limits and vehicle type."""
     same = [
         (low, high) == (found.low, found.high)
         for low, high in zip(_known(series.low), _known(series.high), strict=True)
     ]
     of_type = series.vehicle_type == found.group[GroupBy.VEHICLE_TYPE]
-    out: Array = series.value[np.array(same, dtype=bool) & of_type] * _DEG
+    out: Array = series.value[np.array(same, dtype=bool) & of_type] * unit_of(found.characteristic).factor
     return out
 
 
 def _histogram(found: CharacteristicMoments, values: Array) -> Picture:
-    overall, low, high = moments_in_degrees(found), _degrees(found.low), _degrees(found.high)
+    overall, unit = moments_in_unit(found), unit_of(found.characteristic)
+    low, high = in_unit(found.low, unit), in_unit(found.high, unit)
     bins, ends = min(_BINS, max(5, round(math.sqrt(len(values))))), None
     if not overall.varied:
         # One bar at the value between four empty ones, narrow beside the limits.
@@ -323,7 +338,7 @@ def _histogram(found: CharacteristicMoments, values: Array) -> Picture:
     }
     kind = _shown(found.group[GroupBy.VEHICLE_TYPE])
     return Picture(
-        f"{found.characteristic}, {kind}", "degrees", "vehicles", tuple(traces), levels, limits_on_x=True,
+        f"{found.characteristic}, {kind}", unit.word, "vehicles", tuple(traces), levels, limits_on_x=True,
         counted=True,
     )  # fmt: skip
 
@@ -345,7 +360,8 @@ def _chart_picture(
         y = [float(track.points[index]) for index in said]
         traces.append(Trace("signal", "points", [index + 1 for index in said], y, texts, "signal"))
     levels = {"centre": track.centre, "control upper": track.upper, "control lower": track.lower}
-    unit = "degrees from the middle of the limits" if relative else "degrees"
+    word = unit_of(characteristic).word
+    unit = f"{word} from the middle of the limits" if relative else word
     return Picture(
         f"{characteristic}: {track.name}",
         "subgroup" if chart.size > 1 else "value",
@@ -373,7 +389,8 @@ def _signals(
             {
                 "characteristic": str(characteristic), "track": track.name, "time": shown_time(at[last]),
                 "vin": str(series.vin[last]), "station": str(series.station[last]),
-                "point_deg": float(track.points[signal.index]), "rule": signal.rule, "what": signal.text,
+                f"point_{unit_of(characteristic)}": float(track.points[signal.index]),
+                "rule": signal.rule, "what": signal.text,
             }
         )  # fmt: skip
     return rows
@@ -392,7 +409,3 @@ def _value(row: TableRow, name: str) -> float | None:
 
 def _shown(value: str | datetime | None) -> str:
     return f"{value:%Y-%m-%d}" if isinstance(value, datetime) else str(value or "unknown")
-
-
-def _degrees(angle: float | None) -> float | None:
-    return None if angle is None else angle * _DEG

@@ -13,17 +13,27 @@ from sqlalchemy.exc import DBAPIError
 
 from db.connection import make_engine, parse_url
 from db.connection.revisions import _revisions, head_revision, migrate
-from db.records import CalibrationRecord, CycleRecord, EventRecord, Severity
+from db.records import CalibrationRecord, CycleRecord, EventRecord, Severity, WheelKind
 from db.rows.chain import new_links
-from db.schema import axle_results, calibrations, chain_links, cycles, events, vehicle_results, vehicles
+from db.schema import (
+    axle_results,
+    calibrations,
+    chain_links,
+    cycles,
+    events,
+    geometry_results,
+    vehicle_results,
+    vehicles,
+)
 from db.schema import wheel_results as wheels
 from db.store import ResultStore
 from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper
-from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, given, wheel
+from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, geometry, given, wheel
 from tests.db.rows.test_chain import tamper
 
 EARLIER = _revisions()[: _revisions().index("0010")]
+BEFORE_KINDS = _revisions()[: _revisions().index("0011")]
 CHAINED = [revision for revision in EARLIER if revision >= "0007"]
 DEGRADED = "tyre_plane/revolution/degraded"
 LOST = cycle(
@@ -82,6 +92,8 @@ def put(connection: Connection, record: CalibrationRecord | CycleRecord | EventR
     for table, parts in ((wheels, record.wheels), (axle_results, record.axles)):
         for part in parts:
             connection.execute(table.insert().values(cycle_id=number, **given(part)))
+    if record.geometry is not None:
+        connection.execute(geometry_results.insert().values(cycle_id=number, **given(record.geometry)))
     if record.vehicle_angles is not None:
         connection.execute(vehicle_results.insert().values(cycle_id=number, **given(record.vehicle_angles)))
 
@@ -228,3 +240,88 @@ def test_an_empty_database_has_no_mark_of_the_upgrade(empty_database_url: str) -
     report = check_database(empty_database_url, days=None)
     assert report.findings == ()
     assert {name: end.number for name, end in report.heads.items()} == {"": 1}
+
+
+def kinds(store: ResultStore) -> set[tuple[str | None, WheelKind | None]]:
+    wheels_found = [one for stored in store.recent_cycles(9) for one in stored.record.wheels]
+    return {(one.method, one.kind) for one in wheels_found}
+
+
+@pytest.mark.parametrize("revision", BEFORE_KINDS)
+def test_the_kind_of_a_wheel_is_told_by_its_method_after_the_upgrade(
+    empty_database_url: str, revision: str
+) -> None:
+    """Whether a stored toe was of a tyre plane or of a spin axis was the beginning of a text."""
+    migrate(empty_database_url, revision)
+    others = cycle(
+        wheels=(
+            wheel("front_left", method="spin_axis"), wheel("rear_left", method="tyre_planer"),
+            wheel("rear_right", method="tyre_plane"),
+        ), axles=(), vehicle_angles=None,
+    )  # fmt: skip
+    engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
+    fill(empty_database_url, revision)
+    others = replace(others, vehicle=replace(LOST.vehicle, vin="TRUEWHEEL00000003"))  # type: ignore[type-var]
+    with engine.begin() as connection:
+        put(connection, others)
+        if revision >= "0007":
+            link(connection, others, stored=True)
+        if connection.dialect.name == "sqlite" and revision >= "0005":
+            into = text("INSERT INTO outbox (kind, key) VALUES ('cycle', :key)")
+            connection.execute(into, {"key": others.uuid.hex})
+    engine.dispose()
+    assert migrate(empty_database_url) == head_revision()
+    with ResultStore(empty_database_url) as store:
+        assert kinds(store) == {
+            (DEGRADED, WheelKind.TYRE_PLANE),
+            ("tyre_plane/revolution", WheelKind.TYRE_PLANE),
+            ("tyre_plane", WheelKind.TYRE_PLANE),
+            ("spin_axis", WheelKind.SPIN_AXIS),
+            ("tyre_planer", None),
+        }
+        assert all(stored.record.geometry is None for stored in store.recent_cycles(9))
+        store.write_cycle(cycle(wheels=tuple(map(wheel, WHEELS)), geometry=geometry()))
+    assert check_database(empty_database_url, days=None).findings == ()
+
+
+@pytest.mark.parametrize("revision", ["0007", "0010"])
+def test_a_kind_that_was_changed_later_is_named(empty_database_url: str, revision: str) -> None:
+    """Two revisions filled columns, and each row is proven without those that came after it."""
+    migrate(empty_database_url, revision)
+    fill(empty_database_url, revision)
+    migrate(empty_database_url)
+    assert check_database(empty_database_url, days=None).findings == ()
+    for change in ("kind = NULL", "kind = 'spin_axis'", "method = 'spin_axis'"):
+        tamper(
+            empty_database_url,
+            "CREATE TABLE kept AS SELECT * FROM wheel_results",
+            f"UPDATE wheel_results SET {change} WHERE wheel = 'front_left'",
+        )
+        found = check_database(empty_database_url, days=None).findings
+        of_row = "FROM kept WHERE kept.cycle_id = wheel_results.cycle_id AND kept.wheel = wheel_results.wheel"
+        tamper(
+            empty_database_url,
+            f"UPDATE wheel_results SET kind = (SELECT kept.kind {of_row}),"
+            f" method = (SELECT kept.method {of_row})",
+            "DROP TABLE kept",
+        )
+        assert len(found) == 2, (change, found)
+        assert all(one.startswith("wheel_results: front_left of cycle") for one in found), found
+    assert check_database(empty_database_url, days=None).findings == ()
+
+
+def test_rows_that_revision_0010_wrote_itself_are_hashed_with_its_columns(empty_database_url: str) -> None:
+    """Their lost head was in the hash, so that it may not be taken for filled in."""
+    migrate(empty_database_url, "0010")
+    engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
+    theirs = cycle(wheels=(wheel(degraded=True, method=DEGRADED),), axles=(), vehicle_angles=None)
+    with engine.begin() as connection:
+        for record in (CALIBRATION, theirs):
+            put(connection, record)
+            link(connection, record, stored=True)
+    engine.dispose()
+    migrate(empty_database_url)
+    found = [one for one in check_database(empty_database_url, days=None).findings if "outbox" not in one]
+    assert found == []
+    tamper(empty_database_url, "UPDATE wheel_results SET degraded = NULL")
+    assert any("was altered" in one for one in check_database(empty_database_url, days=None).findings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -11,7 +12,7 @@ from sqlalchemy import Connection, text
 from alignment.errors import StoreSchemaError
 from db.connection import make_engine, parse_url
 from db.connection.revisions import _revisions, current_revision, head_revision, migrate
-from db.records import ArchiveRemoval, CycleRecord, EventRecord, Severity
+from db.records import ArchiveRemoval, CycleRecord, EventRecord, Severity, WheelKind
 from db.rows import write_record
 from db.schema import (
     axle_results,
@@ -107,7 +108,18 @@ def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revis
     assert current_revision(empty_database_url) == revision
     assert migrate(empty_database_url) == head_revision()
     with ResultStore(empty_database_url) as store:
-        assert [stored.record for stored in store.recent_cycles(20)] == RECORDS[::-1]
+        # A wheel says of what its angles are since; the method told it.
+        upgraded = [
+            replace(
+                record,
+                wheels=tuple(
+                    replace(wheel, kind=None if wheel.method is None else WheelKind.TYRE_PLANE)
+                    for wheel in record.wheels
+                ),
+            )
+            for record in RECORDS[::-1]
+        ]
+        assert [stored.record for stored in store.recent_cycles(20)] == upgraded
         assert store.calibration(CALIBRATION.id) == CALIBRATION
         assert store.recent_events(5) == (EVENT,)
         assert len(store.calibration_checks(CALIBRATION.id)) == (revision >= "0002")

@@ -14,8 +14,9 @@ from aqdefreader import DfqFile, Part, read_dfq_file
 
 from alignment.errors import ConfigurationError
 from db.exports.aqdef import ENCODINGS, write_aqdef
-from db.exports.rows import AngleRow
-from db.records import EventRecord
+from db.exports.rows import AngleRow, angle_rows
+from db.records import EventRecord, StoredCycle
+from tests.db.example_records import NOON, cycle, geometry
 
 
 def read(path: Path) -> DfqFile:
@@ -175,3 +176,19 @@ def test_other_endings_and_encodings_are_refused(tmp_path: Path, name: str, enco
     with pytest.raises(ConfigurationError):
         write_aqdef(tmp_path / name, [], encoding=encoding)
     assert set(ENCODINGS) == {"utf-8", "utf-16", "windows-1252"}
+
+
+def test_lengths_are_in_millimetres_with_limits_of_their_own(tmp_path: Path) -> None:
+    """Every characteristic said degrees, whatever it was."""
+    stored = StoredCycle(cycle(geometry=geometry()), NOON)
+    path = tmp_path / "lengths.dfq"
+    rows = list(angle_rows(stored))
+    assert write_aqdef(path, rows).values == len(rows)
+    (part,) = read(path).get_parts()
+    found = characteristics(part)
+    track, base, yaw = (found[f"vehicle.{name}"] for name in ("track_front", "wheelbase_left", "yaw"))
+    assert (track["K2002"], track["K2142"], track["values"]) == ("Track front vehicle", "mm", [1512.5])
+    assert (close(track["K2110"], 1510.0), close(track["K2111"], 1515.0)) == (True, True)
+    assert (track["K2022"], float(str(track["K2404"]))) == (3, 0.001)
+    assert (base["K2120"], base["K2121"], base["values"]) == (0, 0, [2701.25])
+    assert (yaw["K2142"], close(yaw["values"][0], 0.1)) == ("°", True)

@@ -13,8 +13,28 @@ from pypdf import PdfReader
 from db.exports.certificate import tolerance_picture, write_vehicle_certificate
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
-from db.records import CheckOutcome, CycleOutcome, EventRecord, Severity, StoredCycle, StoredZero, Verdict
-from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, check, cycle, refused_wheel, wheel, zero
+from db.records import (
+    CheckOutcome,
+    CycleOutcome,
+    EventRecord,
+    Severity,
+    StoredCycle,
+    StoredZero,
+    Verdict,
+    WheelKind,
+)
+from tests.db.example_records import (
+    ANGLES,
+    CALIBRATION,
+    NOON,
+    axle,
+    check,
+    cycle,
+    geometry,
+    refused_wheel,
+    wheel,
+    zero,
+)
 
 BERLIN = timezone(timedelta(hours=1))
 CREATED = datetime(2026, 11, 23, 0, 30, tzinfo=BERLIN)
@@ -99,7 +119,7 @@ def read(path: Path, found: VinHistory) -> list[str]:
         "front total toe +0.6543 ± 0.0060 \u22120.5000 0.7500 ok",
         "front camber difference +0.0000 ± 0.0024 without limits",
         "vehicle thrust angle (left positive) +0.0057 ± 0.0008 without limits",
-        "vehicle front toe left to thrust +0.1146 without limits",
+        "vehicle front toe left to thrust line +0.1146 without limits",
         "front right toe above the limit 0.2000° by 0.3000°",
     ],
 )
@@ -203,3 +223,28 @@ def test_certificate_says_that_a_head_was_lost(tmp_path: Path, degraded: bool | 
     write_vehicle_certificate(tmp_path / "c.pdf", one, created=CREATED)
     text = " ".join(" ".join(page.extract_text() for page in PdfReader(tmp_path / "c.pdf").pages).split())
     assert ("a head was lost" in text) is (degraded is True)
+
+
+def test_lengths_and_run_outs_stand_in_millimetres_with_verdicts_of_their_own(tmp_path: Path) -> None:
+    turned = wheel("front_left", kind=WheelKind.SPIN_AXIS, run_out=0.75, run_out_u=0.01, run_out_high=1.0)
+    found = history(
+        wheels=(turned, wheel("front_right", load_mm=0.314)), outcome=CycleOutcome.NOK,
+        geometry=geometry(
+            verdict=Verdict.NOK, coverage_factor=3.0, setback_front_low=-0.5, setback_front_high=0.5
+        ),
+    )  # fmt: skip
+    path = tmp_path / "c.pdf"
+    lines = read(path, found)
+    for expected in (
+        "front left run-out +0.750 ± 0.020 1.000 ok",
+        "vehicle track front +1512.500 ± 0.188 1510.000 1515.000 ok",
+        "vehicle setback front \u22121.000 ± 0.188 \u22120.500 0.500 nok",
+        "vehicle wheelbase left +2701.250 ± 0.188 without limits",
+        "vehicle yaw on the stand +0.1000 ± 0.0003 \u22120.5730 0.5730 ok",
+        "vehicle setback front below the limit -0.500 mm by 0.500 mm",
+    ):
+        assert expected in lines, expected
+    text = " ".join(" ".join(page.extract_text() for page in PdfReader(path).pages).split())
+    assert "against the vehicle's own centreline" in text
+    assert "between contact centres" in text
+    assert "a load of 0.31 mm was taken off" in text

@@ -24,7 +24,7 @@ from alignment.values import (
 from alignment.vehicle.angles import camber_toe, normal_from_angles
 from alignment.vehicle.geometry import TYRE_WIDTH
 from alignment.vehicle.wheel_axes import Stand
-from db.records import CycleOutcome, Verdict
+from db.records import OF_GEOMETRY, CycleOutcome, Verdict, WheelKind
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame, Reference
 from station.cycle.judging import evaluate
@@ -157,6 +157,42 @@ def test_length_out_of_its_limits_makes_the_vehicle_nok(reference: Reference) ->
     assert event.cycle_uuid == report.record.uuid
 
 
+def test_geometry_is_stored_with_limits_and_says_what_toes_refer_to(askew: Bench) -> None:
+    """Lengths were judged and kept nowhere but in the words of an event."""
+    report = askew.trigger()
+    assert report is not None
+    found = report.record.geometry
+    assert found is not None
+    assert (found.reference, found.end_points, found.verdict) == ("vehicle", "sidewalls", Verdict.OK)
+    assert (found.track_front, found.track_front_low, found.track_front_high) == (
+        pytest.approx(1700.0), 1698.0, 1702.0,
+    )  # fmt: skip
+    assert (found.wheelbase_left, found.wheelbase_left_low) == (pytest.approx(2700.0), None)
+    assert found.yaw == pytest.approx(math.radians(0.1))
+    assert all(getattr(found, f"{name}_u") > 0.0 for name in OF_GEOMETRY)
+    assert {wheel.kind for wheel in report.record.wheels} == {WheelKind.TYRE_PLANE}
+    with bench_of("stand") as bench:
+        by_stand = bench.trigger()
+    assert by_stand is not None
+    assert by_stand.record.geometry is not None
+    assert by_stand.record.geometry.reference == "stand"
+    assert all(wheel.toe_tyre_u is None for wheel in by_stand.record.wheels)
+    with bench_of(None) as bench:
+        assert bench.trigger().record.geometry is None  # type: ignore[union-attr]
+
+
+def test_lengths_with_limits_of_a_vehicle_with_a_refused_wheel_are_stored_as_not_measured(
+    askew: Bench,
+) -> None:
+    askew.found["rear_left"] = Refusal(RefusalCode.HEAD_DARK, "dark")
+    report = askew.trigger()
+    assert report is not None
+    found = report.record.geometry
+    assert found is not None
+    assert (found.end_points, found.verdict, found.reference) == (None, Verdict.NONE, "stand")
+    assert (found.track_front, found.track_front_low) == (None, 1698.0)
+
+
 def test_lengths_are_judged_with_the_guard_band() -> None:
     with bench_of("vehicle") as bench:
         bench.found = dict(seen(0.0, {"front_left": (1.97, 0.0)}))
@@ -282,6 +318,12 @@ def test_spread_of_tyre_widths_is_in_the_stored_uncertainty_of_toe_and_not_of_to
     narrow, spread = (report.record for report in records)
     assert spread.wheels[0].toe_u > 5.0 * narrow.wheels[0].toe_u  # type: ignore[operator]
     assert spread.axles[0].total_toe_u == pytest.approx(narrow.axles[0].total_toe_u)
+    shares = [report.record.wheels[0].toe_tyre_u / report.record.wheels[0].toe_u for report in records]  # type: ignore[operator]
+    assert shares[0] == 0.0
+    assert 0.9 < shares[1] ** 2 < 1.0
+    assert spread.geometry is not None
+    assert spread.vehicle_angles is not None
+    assert 0.9 * spread.vehicle_angles.thrust_angle_u < spread.geometry.thrust_angle_tyre_u  # type: ignore[operator]
     geometry = records[1].evaluation.vehicle.geometry  # type: ignore[union-attr]
     assert geometry is not None
     assert geometry.share("front_left.toe", TYRE_WIDTH) > 0.9
