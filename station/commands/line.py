@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import can
 
     from station.configuration import Configuration
+    from station.cycle import WheelAnswer
     from station.line.plc import PlcOrder, PlcResult
     from station.line.tools import DecodedFrame, PointVerdict, Trial, Vehicles
     from station.line.wire import BusSettings, LineDatabase
@@ -195,7 +196,8 @@ def monitor(
 
     ready_file(out)
     configuration = _read(config)
-    database = _database(configuration)
+    # Traffic that was recorded before the interface changed is read by its own DBC still.
+    database = _database(configuration, older=True)
     wanted = chosen_messages(message or [], database.protected)
     errors, count, shown, reading = 0, 0, [], None
     lines = _view(database, wanted, cycles, every=everything, counting=counters)
@@ -290,10 +292,10 @@ def _read(config: Path | None) -> Configuration:
     return read_configuration(default_config(config))
 
 
-def _database(configuration: Configuration) -> LineDatabase:
+def _database(configuration: Configuration, *, older: bool = False) -> LineDatabase:
     from station.line.wire import load_line_database
 
-    return load_line_database(configuration.path(configuration.settings.line.dbc))
+    return load_line_database(configuration.path(configuration.settings.line.dbc), older=older)
 
 
 def _bus(configuration: Configuration, interface: str | None, channel: str | None) -> BusSettings:
@@ -376,14 +378,32 @@ def _order_vehicles(
 
 
 def _show(result: PlcResult) -> None:
+    from station.cycle import GEOMETRY_ANGLES
+
     typer.echo(f"{result.order.vin if result.order else 'held from before:'} {result.vehicle.outcome}")
     for answer in result.wheels:
         angles = (
             ""
             if answer.camber_deg is None or answer.toe_deg is None
-            else f"  camber {answer.camber_deg:+.4f}°  toe {answer.toe_deg:+.4f}°"
+            else f"  camber {answer.camber_deg:+.4f}°  toe {answer.toe_deg:+.4f}°  {_axis_in_words(answer)}"
         )
         typer.echo(f"  {answer.wheel:<12} {answer.outcome}{angles}")
+    geometry = result.vehicle.geometry
+    if any(quantity.state.measured for quantity in geometry.quantities):
+        between = str(geometry.between).replace("_", " ")
+        typer.echo(f"  toe and thrust angle against the {geometry.reference}, lengths between {between}")
+    for quantity in geometry.quantities:
+        if quantity.value is not None and quantity.u95 is not None:
+            unit = "°" if quantity.name in GEOMETRY_ANGLES else " mm"
+            value = f"{quantity.value:+.4f} ± {quantity.u95:.4f}{unit}"
+            typer.echo(f"  {quantity.name:<28} {quantity.state:<9} {value}")
+
+
+def _axis_in_words(answer: WheelAnswer) -> str:
+    kind = str(answer.kind).replace("_", " ")
+    if answer.run_out_mm is None:
+        return kind
+    return f"{kind}, run-out {answer.run_out_mm:.2f} mm"
 
 
 def _vehicle_as_json(result: PlcResult) -> dict[str, Any]:
@@ -394,6 +414,7 @@ def _vehicle_as_json(result: PlcResult) -> dict[str, Any]:
         "wheels": [asdict(answer) for answer in result.wheels],
         "axles": [asdict(answer) for answer in result.axles],
         "thrust_angle_deg": result.vehicle.thrust_angle_deg,
+        "geometry": asdict(result.vehicle.geometry),
         "busy_after_s": result.busy_s - result.started_s,
         "done_after_s": result.done_s - result.started_s,
     }

@@ -1,5 +1,12 @@
 from .coalesced import Coalesced as Coalesced
 from .frame import CommonFrame as CommonFrame
+from .geometry_words import GEOMETRY as GEOMETRY
+from .geometry_words import GEOMETRY_ANGLES as GEOMETRY_ANGLES
+from .geometry_words import NO_GEOMETRY as NO_GEOMETRY
+from .geometry_words import GeometryAnswer as GeometryAnswer
+from .geometry_words import QuantityAnswer as QuantityAnswer
+from .geometry_words import QuantityState as QuantityState
+from .geometry_words import Reference as Reference
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
 from .measuring import MeasuringCycle as MeasuringCycle
@@ -18,8 +25,12 @@ from .series import SeriesChoice as SeriesChoice
 from .verdict import Status as Status
 from .verdict import combined as combined
 from .verdict import missed_in_words as missed_in_words
+from .words import RESERVED_CODES as RESERVED_CODES
+from .words import RESERVED_MODES as RESERVED_MODES
+from .words import SERVED_MODES as SERVED_MODES
 from .words import Abort as Abort
 from .words import Acknowledge as Acknowledge
+from .words import AxisKind as AxisKind
 from .words import AxleAnswer as AxleAnswer
 from .words import Command as Command
 from .words import ErrorCode as ErrorCode

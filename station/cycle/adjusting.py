@@ -17,7 +17,7 @@ from station.cycle.under_way import CycleUnderWay
 from station.cycle.verdict import Status, combined
 from station.cycle.wheel_runs import run_wheels
 from station.cycle.wheel_threads import WheelThreads
-from station.cycle.words import Command, ErrorCode, LiveAngles, LiveState, Stop
+from station.cycle.words import AxisKind, Command, ErrorCode, LiveAngles, LiveState, Stop
 
 _NO_RUN_OUT = "the series before the adjusting told no run-out of this wheel"
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
@@ -212,4 +212,4 @@ class Adjusting:
         if judged.values is None or state is None:
             return LiveAngles(result.wheel, LiveState.NOT_MEASURED, shot)
         camber, toe = math.degrees(judged.values.camber), math.degrees(judged.values.toe)
-        return LiveAngles(result.wheel, state, shot, camber, toe)
+        return LiveAngles(result.wheel, state, shot, camber, toe, AxisKind.TYRE_PLANE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 from alignment.units import in_degrees
@@ -19,9 +19,11 @@ from db.records import (
     WheelRecord,
 )
 from station.cycle.geometry import tyre_u
+from station.cycle.geometry_answer import geometry_answer
+from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer
 from station.cycle.judging import Evaluation, JudgedWheel, axle_of
 from station.cycle.verdict import Angle, combined
-from station.cycle.words import AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
+from station.cycle.words import AxisKind, AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
 
 
 def wheel_records(evaluation: Evaluation) -> tuple[WheelRecord, ...]:
@@ -163,15 +165,28 @@ class Standing(enum.Enum):
 
 @dataclass(frozen=True)
 class Answers:
-    """What the line is told of a vehicle; `vehicle` is None when the thrust angle was not asked for."""
+    """What the line is told of a vehicle; `vehicle` is None when nothing of it as a whole was asked for."""
 
     wheels: tuple[WheelAnswer, ...]
     axles: tuple[AxleAnswer, ...]
     vehicle: VehicleAnswer | None
 
 
-def answers_of(record: CycleRecord, standing: Standing) -> Answers:
-    """Return what the line is told of a cycle, after its end or after a restart of the station."""
+def answers_of(record: CycleRecord, standing: Standing, evaluation: Evaluation | None = None) -> Answers:
+    """Return what the line is told of a cycle, after its end or after a restart of the station.
+
+    Parameters
+    ----------
+    record
+        Of the cycle.
+    standing
+        What became of it.
+    evaluation
+        Gives the vehicle's geometry; None after a restart, when none of it is told.
+    """
+    geometry = NO_GEOMETRY if evaluation is None else geometry_answer(evaluation)
+    if standing is not Standing.COMMITTED:
+        geometry = geometry.withdrawn()
     wheels = {wheel.wheel: wheel for wheel in record.wheels}
     axles = {axle.axle: axle for axle in record.axles}
     asked = [
@@ -183,7 +198,9 @@ def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     return Answers(
         tuple(_wheel_answer(wheel, standing) for wheel in record.wheels),
         tuple(_axle_answer(axle, axles.get(axle), standing) for axle in asked),
-        _vehicle_answer(record.vehicle_angles, standing) if whole else None,
+        replace(_vehicle_answer(record.vehicle_angles, standing), geometry=geometry)
+        if whole
+        else _part_of_a_vehicle(geometry),
     )
 
 
@@ -201,7 +218,14 @@ def _wheel_answer(wheel: WheelRecord, standing: Standing) -> WheelAnswer:
         toe_u95_deg=_expanded_deg(wheel.toe_u, k),
         quality=Quality.DEGRADED if wheel.degraded else Quality.FULL,
         residual_mm=wheel.residual_rms_mm,
+        kind=_kind(wheel.method),
     )
+
+
+def _kind(method: str | None) -> AxisKind:
+    """What a method measures: its first word says so."""
+    word = (method or "").partition("/")[0]
+    return AxisKind(word) if word in set(AxisKind) else AxisKind.NONE
 
 
 def _axle_answer(name: str, axle: AxleRecord | None, standing: Standing) -> AxleAnswer:
@@ -233,6 +257,11 @@ def _vehicle_answer(angles: VehicleAnglesRecord | None, standing: Standing) -> V
         thrust_angle_u95_deg=_expanded_deg(angles.thrust_angle_u, angles.coverage_factor),
         thrust_sign=angles.thrust_sign,
     )
+
+
+def _part_of_a_vehicle(geometry: GeometryAnswer) -> VehicleAnswer | None:
+    """Wheels that are no whole vehicle still say what their toes refer to."""
+    return None if geometry == NO_GEOMETRY else VehicleAnswer(Outcome.NOT_REQUESTED, geometry=geometry)
 
 
 def _told(verdict: Verdict, standing: Standing, judged: bool = True) -> Outcome:

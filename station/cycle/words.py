@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
+from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer
 
 
 class Outcome(enum.StrEnum):
@@ -54,13 +55,23 @@ class Mode(enum.StrEnum):
 
     AUTOMATIC: measure, judge, store, report. ADJUST: live angles until a stop, then as automatic.
     MASTER_CHECK: as automatic, of a master wheel, stored as a check of the calibration too. CALIBRATE: images
-    are recorded and nothing is judged.
+    are recorded and nothing is judged. SWEEP, GUIDANCE, STEERING, LOCATE: names that are taken; no station
+    serves them yet.
     """
 
     AUTOMATIC = "automatic"
     ADJUST = "adjust"
     MASTER_CHECK = "master_check"
     CALIBRATE = "calibrate"
+    SWEEP = "sweep"
+    GUIDANCE = "guidance"
+    STEERING = "steering"
+    LOCATE = "locate"
+
+
+RESERVED_MODES = frozenset({Mode.SWEEP, Mode.GUIDANCE, Mode.STEERING, Mode.LOCATE})
+SERVED_MODES = frozenset(Mode) - RESERVED_MODES
+"""What a start can do."""
 
 
 class Quality(enum.StrEnum):
@@ -69,6 +80,18 @@ class Quality(enum.StrEnum):
     NONE = "none"
     FULL = "full"
     DEGRADED = "degraded"
+
+
+class AxisKind(enum.StrEnum):
+    """What a wheel's angles are those of; the words of the DBC's value table.
+
+    TYRE_PLANE: of one exposure, run-out included. SPIN_AXIS: of a series of exposures of a wheel that turns,
+    free of run-out. NONE: there are no angles, or it is not known.
+    """
+
+    NONE = "none"
+    TYRE_PLANE = "tyre_plane"
+    SPIN_AXIS = "spin_axis"
 
 
 class LiveState(enum.StrEnum):
@@ -104,6 +127,8 @@ class ErrorCode(enum.StrEnum):
     START_STALE = "start_stale"
     RESETTING = "resetting"
     MODE_NOT_AVAILABLE = "mode_not_available"
+    WRONG_INTERFACE = "wrong_interface"
+    NOTHING_TO_STEP = "nothing_to_step"
 
     CAMERA_FAULT = "camera_fault"
     CALIBRATION_FAULT = "calibration_fault"
@@ -116,6 +141,22 @@ class ErrorCode(enum.StrEnum):
     STARTING = "starting"
     COMMUNICATION_LOST = "communication_lost"
     ADJUST_TIMEOUT = "adjust_timeout"
+    SWEEP_FAULT = "sweep_fault"
+    GUIDANCE_FAULT = "guidance_fault"
+    STEERING_FAULT = "steering_fault"
+    LOCATE_FAULT = "locate_fault"
+
+
+RESERVED_CODES = frozenset(
+    {
+        ErrorCode.NOTHING_TO_STEP,
+        ErrorCode.SWEEP_FAULT,
+        ErrorCode.GUIDANCE_FAULT,
+        ErrorCode.STEERING_FAULT,
+        ErrorCode.LOCATE_FAULT,
+    }
+)
+"""Codes of the `RESERVED_MODES`, which nothing sends yet."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +277,18 @@ def _require_complete(what: str, outcome: Outcome, values: dict[str, float | Non
 class WheelAnswer:
     """Outcome of one wheel. ok and nok carry all four finite values, every other outcome none of them.
 
-    Quality and residual (RMS, millimetres) explain a judged wheel; what is not known of them stays empty.
+    Quality, residual (RMS, millimetres), kind and run-out explain a judged wheel; what is not known of them
+    stays empty.
+
+    Attributes
+    ----------
+    kind
+        What the angles are those of.
+    run_out_mm, run_out_u95_mm
+        Axial run-out of the tyre, peak to peak; only of a spin axis, and None where none is clear.
+    high_spot_deg
+        Where the tyre stood out farthest at the last exposure, 0 to 360: from the top of the wheel,
+        counter-clockwise as seen from outboard.
 
     Raises
     ------
@@ -252,6 +304,10 @@ class WheelAnswer:
     toe_u95_deg: float | None = None
     quality: Quality = Quality.NONE
     residual_mm: float | None = None
+    kind: AxisKind = AxisKind.NONE
+    run_out_mm: float | None = None
+    run_out_u95_mm: float | None = None
+    high_spot_deg: float | None = None
 
     def __post_init__(self) -> None:
         values = {
@@ -261,6 +317,34 @@ class WheelAnswer:
             "toe_u95_deg": self.toe_u95_deg,
         }
         _require_complete(self.wheel, self.outcome, values)
+        if self.kind is not AxisKind.NONE and not self.outcome.judged:
+            raise InputError(
+                field=f"{self.wheel}.kind",
+                expected=f"none, because the outcome is '{self.outcome}'",
+                seen=self.kind,
+            )
+        self._require_run_out()
+
+    def _require_run_out(self) -> None:
+        run_out = {
+            "run_out_mm": self.run_out_mm,
+            "run_out_u95_mm": self.run_out_u95_mm,
+            "high_spot_deg": self.high_spot_deg,
+        }
+        known = any(value is not None for value in run_out.values())
+        if known and self.kind is not AxisKind.SPIN_AXIS:
+            raise InputError(
+                field=f"{self.wheel}.run_out_mm",
+                expected=f"none, because the angles are those of '{self.kind}'",
+                seen=str(self.run_out_mm),
+            )
+        for name, value in run_out.items():
+            if known and not (value is not None and math.isfinite(value) and value >= 0.0):
+                raise InputError(
+                    field=f"{self.wheel}.{name}",
+                    expected="a finite number of 0 or more beside the others of the run-out",
+                    seen=str(value),
+                )
 
 
 @dataclass(frozen=True)
@@ -286,12 +370,13 @@ class AxleAnswer:
 
 @dataclass(frozen=True)
 class VehicleAnswer:
-    """Outcome of the thrust angle; complete or empty like `WheelAnswer`."""
+    """Outcome of the thrust angle; complete or empty like `WheelAnswer`. Beside it the vehicle's geometry."""
 
     outcome: Outcome
     thrust_angle_deg: float | None = None
     thrust_angle_u95_deg: float | None = None
     thrust_sign: ThrustSign = "left_positive"
+    geometry: GeometryAnswer = NO_GEOMETRY
 
     def __post_init__(self) -> None:
         values = {
@@ -318,7 +403,7 @@ def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
 class LiveAngles:
     """Angles of one wheel while it is adjusted; degrees, None unless measured.
 
-    `shot` counts the measurements of this wheel, 0 to 255 and again.
+    `shot` counts the measurements of this wheel, 0 to 255 and again; `kind` is what the angles are those of.
     """
 
     wheel: str
@@ -326,6 +411,7 @@ class LiveAngles:
     shot: int = 0
     camber_deg: float | None = None
     toe_deg: float | None = None
+    kind: AxisKind = AxisKind.NONE
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,34 @@ from collections.abc import Collection, Mapping
 
 from station.cycle import ErrorCode, Mode, Trigger
 from station.line.handshake import Asked
-from station.line.wire import MEANINGS, CommandCode, Value, VinAssembly, VinState
+from station.line.wire import (
+    INTERFACE_MAJOR,
+    MEANINGS,
+    RESERVED_COMMANDS,
+    UNSTATED_MAJOR,
+    CommandCode,
+    Value,
+    VinAssembly,
+    VinState,
+)
 
 _VIN_TROUBLE = {
     VinState.INCOMPLETE: ErrorCode.VIN_INCOMPLETE,
     VinState.INVALID: ErrorCode.VIN_INVALID,
 }
+
+
+def interface_of(values: Mapping[str, Value]) -> int:
+    """Major version of the interface that a controller speaks, from the signals of its Command."""
+    return int(values["InterfaceMajor"]) or UNSTATED_MAJOR
+
+
+def known_code(values: Mapping[str, Value]) -> CommandCode | None:
+    """The command, where a station takes such a one."""
+    word = str(values["Code"])
+    if word not in set(CommandCode) or word in RESERVED_COMMANDS:
+        return None
+    return CommandCode(word)
 
 
 def read_asked(
@@ -42,6 +64,8 @@ def read_asked(
     """
     wheels = tuple(wheel for wheel in endings if values[f"Wheel{endings[wheel]}"])
     trouble, vin, mode = ErrorCode.NONE, "", Mode.AUTOMATIC
+    if interface_of(values) != INTERFACE_MAJOR:
+        return Asked(code, sequence, received_s=now, trouble=ErrorCode.WRONG_INTERFACE)
     if code in (CommandCode.START, CommandCode.PREPARE):
         known = values["Mode"] in modes
         mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC
@@ -72,6 +96,7 @@ def refusal_in_words(command: str, sequence: int, why: ErrorCode, of: Asked | Tr
         The start, where it is one.
     """
     vehicle = ""
-    if of is not None:
+    # What the bits of another interface mean is not known.
+    if of is not None and why is not ErrorCode.WRONG_INTERFACE:
         vehicle = f", VIN {of.vin or 'not whole'}, vehicle type {of.vehicle_type},"
     return f"{command} {sequence}{vehicle} was refused: {why}. {MEANINGS[why].cause}"

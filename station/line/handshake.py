@@ -210,7 +210,7 @@ OPEN = frozenset({S.BUSY, S.ADJUSTING, S.ENDING})
 
 @dataclass(frozen=True)
 class Asked:
-    """A command as it arrived; `trouble` is what is wrong with a start's content, such as its VIN."""
+    """A command as it arrived; `trouble` is what is wrong with its content, such as a start's VIN."""
 
     code: CommandCode
     sequence: int
@@ -284,7 +284,10 @@ class Handshake:
             return None
         request = self._request(asked)
         rule = COMMANDS[self.state][request]
-        if request in (Request.START_NEW, Request.PREPARE):
+        if asked.trouble is ErrorCode.WRONG_INTERFACE:
+            # Of another interface nothing is taken: what its bits mean is not known.
+            rule = _no(ErrorCode.WRONG_INTERFACE)
+        elif request in (Request.START_NEW, Request.PREPARE):
             rule = self._checked(rule, asked)
         self._start_is_stale = False
         self._final = not rule.again

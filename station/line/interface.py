@@ -19,7 +19,6 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -32,7 +31,6 @@ from station.cycle import (
     Command,
     ErrorCode,
     LiveAngles,
-    LiveState,
     Outcome,
     Reset,
     StationState,
@@ -41,10 +39,12 @@ from station.cycle import (
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.asking import read_asked, refusal_in_words
+from station.line.asking import interface_of, known_code, read_asked, refusal_in_words
 from station.line.handshake import Event, Handshake
+from station.line.live import LiveShown
 from station.line.wire import (
     DEFAULT_OPTIONS,
+    INTERFACE_MAJOR,
     CommandAnswer,
     CommandCode,
     LineBus,
@@ -60,7 +60,6 @@ from station.line.wire import (
     blank_frames,
     detail_frame,
     info_frame,
-    live_frame,
     result_frames,
     status_frame,
 )
@@ -113,7 +112,7 @@ class StationLine:
         self._reset_pending = False
         self._results: list[can.Message] = []
         self._blank = blank_frames(database)
-        self._live: dict[str, tuple[LiveAngles, float]] = {}
+        self._live = LiveShown(database, clock, options.live_age_s, self._send)
         self._refusal, self._refused_sequence = ErrorCode.NONE, 0
         self._said = Coalesced[tuple[int, str]](lambda kind, text: _LOG.log(kind[0], "%s", text), clock)
         self._link_up = False
@@ -218,8 +217,7 @@ class StationLine:
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         """Show angles of a wheel that is adjusted, of images taken at this time of the monotonic clock."""
         with self._lock:
-            self._live[angles.wheel] = (angles, measured_s)
-            self._send_live(angles.wheel)
+            self._live.show(angles, measured_s)
 
     def send_results(
         self,
@@ -319,8 +317,7 @@ class StationLine:
                 self._repeat_results()
             else:
                 self._send_slow("VehicleResult", lambda: self._sent(self._blank))
-            for wheel in list(self._live):
-                self._send_live(wheel)
+            self._live.repeat()
             self._send_slow("StationInfo", lambda: self._send(info_frame(self._database, self._info)))
             self._send_slow("ErrorDetail", self._send_detail)
 
@@ -419,12 +416,6 @@ class StationLine:
             send()
             self._due[name] = now + (self._database.cycle_time_s(name) or 0.0)
 
-    def _send_live(self, wheel: str) -> None:
-        angles, measured_s = self._live[wheel]
-        if self._clock() - measured_s > self._options.live_age_s:
-            angles = replace(angles, state=LiveState.STALE, camber_deg=None, toe_deg=None)
-        self._send(live_frame(self._database, angles))
-
     def _repeat_results(self) -> None:
         """Send the held results; ResultValid is shown from the first time that all of them went out."""
         if not self._sent(self._results):
@@ -440,15 +431,14 @@ class StationLine:
     def _receive_command(self, values: dict[str, Value]) -> None:
         if not self._link_up:
             self._link_up = True
-            self._say(logging.INFO, "heard", "controller is heard")
+            self._say(*_heard(interface_of(values)))
             # With the next cyclic ones its counters of all messages are in step.
             self._due.pop("VehicleResult", None)
             self._sent(self._results or self._blank)
         self._heartbeat = int(values["Heartbeat"])
         sequence = int(values["Sequence"])
-        try:
-            code = CommandCode(str(values["Code"]))
-        except ValueError:
+        code = known_code(values)
+        if code is None:
             why = ErrorCode.UNKNOWN_COMMAND
             self._note_refusal(sequence, why, refusal_in_words(f"command {values['Code']},", sequence, why))
             self._send_status()
@@ -494,3 +484,15 @@ class StationLine:
 
     def _say(self, level: int, kind: str, text: str) -> None:
         self._said.say((level, kind), text)
+
+
+def _heard(interface: int) -> tuple[int, str, str]:
+    """Level, kind and text of the log for a controller that is heard."""
+    if interface == INTERFACE_MAJOR:
+        return logging.INFO, "heard", "controller is heard"
+    return (
+        logging.WARNING,
+        "heard",
+        f"controller is heard, of interface {interface}: its commands are refused, as this station speaks "
+        f"interface {INTERFACE_MAJOR}",
+    )

@@ -115,7 +115,7 @@ class PreparedPosition(WheelPosition):
             points_used=9000,
             residual_rms_mm=0.03,
             heads=(),
-            method="prepared",
+            method="tyre_plane/prepared",
         )
         return WheelResult(self.name, self.in_force.calibration.id, True, found, None, utc_now(), None, 0.0)
 

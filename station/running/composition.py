@@ -20,6 +20,7 @@ from sensors.drivers.driver import RigDriver
 from sensors.rig import Rig
 from station.configuration import Configuration, StationConfig
 from station.cycle import (
+    SERVED_MODES,
     Bounds,
     CalibrationInForce,
     CommonFrame,
@@ -201,7 +202,7 @@ def line_options(configuration: Configuration) -> LineOptions:
     return LineOptions(
         communication_timeout_s=settings.line.communication_timeout_s,
         live_age_s=settings.cycle.live_max_age_s,
-        modes=frozenset(Mode) - ({Mode.CALIBRATE} if settings.cycle.image_folder is None else set()),
+        modes=SERVED_MODES - ({Mode.CALIBRATE} if settings.cycle.image_folder is None else set()),
         software=(major, minor, patch),
     )
 

@@ -8,6 +8,7 @@ import pytest
 
 from station.line.tools.cable import Cable
 from tests.end_to_end.conftest import CONFIGS, Truewheel, change
+from tests.station.line.line_bench import dbc_of_interface_2
 
 CONFIG = ("--config", CONFIGS / "station.toml")
 
@@ -17,6 +18,8 @@ def test_plc_against_a_simulated_station(truewheel: Truewheel, tmp_path: Path) -
     assert ended.status == 0, ended.err
     (vehicle,) = ended.json["vehicles"]
     assert (vehicle["vin"], vehicle["outcome"]) == ("WVWZZZ1KZAW123456", "ok")
+    assert {wheel["kind"] for wheel in vehicle["wheels"]} == {"tyre_plane"}
+    assert vehicle["geometry"]["reference"] == "stand"
     scenario = tmp_path / "short.toml"
     scenario.write_text('[[scenarios]]\nname = "one"\nplay = ["good-cycle", "wrong-crc"]\n')
     ended = truewheel("line", "plc", "--simulated", "--scenario", scenario, *CONFIG, "--json")
@@ -69,6 +72,28 @@ def test_dbc_that_lacks_a_message_stops_every_line_command(truewheel: Truewheel,
         assert ended.status == 2
         assert "CommandAnswer" in ended.err
         assert str(dbc) in ended.err
+
+
+def test_log_of_interface_2_is_read_by_its_own_dbc_and_by_today_s(
+    truewheel: Truewheel, tmp_path: Path
+) -> None:
+    """A station would not start by that DBC; what was recorded is read all the same."""
+    (tmp_path / "station.toml").write_text((CONFIGS / "station.toml").read_text())
+    (tmp_path / "line.dbc").write_text(dbc_of_interface_2(), encoding="cp1252")
+    (tmp_path / "vehicles").symlink_to(CONFIGS / "vehicles")
+    older = ("--config", tmp_path / "station.toml")
+    log = tmp_path / "traffic.log"
+    frames = ("110#5900000000000000", "110#B021050F02010100", "131#302705C7CF4F9C00")
+    log.write_text("".join(f"({k}.000000) can0 {frame}\n" for k, frame in enumerate(frames)))
+    for configuration in (CONFIG, older):
+        ended = truewheel("line", "monitor", log, "--json", *configuration)
+        assert (ended.status, ended.json["errors"]) == (0, 0), ended.err
+        start, result = (frame["values"] for frame in ended.json["frames"][1:])
+        assert (start["Code"], start["VehicleType"], result["Outcome"]) == ("start", 258, "nok")
+        assert result["Camber"] == pytest.approx(-1.2345)
+    ended = truewheel("line", "check", "--simulated", *older)
+    assert ended.status == 2
+    assert "InterfaceMajor" in ended.err
 
 
 def test_monitor_converts_logs_and_marks_errors(truewheel: Truewheel, tmp_path: Path) -> None:

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from alignment.errors import LineError
-from station.cycle import AxleAnswer, Outcome, WheelAnswer, overall_outcome
-from station.line.wire import LineDatabase, Value, VehicleReport, read_axle, read_vehicle, read_wheel
+from station.cycle import AxleAnswer, Outcome, QuantityState, WheelAnswer, overall_outcome
+from station.line.wire import (
+    LineDatabase,
+    Value,
+    VehicleReport,
+    read_axle,
+    read_geometry,
+    read_vehicle,
+    read_wheel,
+)
 
 Results = Mapping[str, dict[str, Value]]
 
@@ -35,16 +43,21 @@ def read_results(
             f"ResultValid was shown, but these results of {sequence} are missing: {', '.join(missing)}"
         )
     wheels = tuple(
-        read_wheel(name, results[f"WheelResult{ending}"], results[f"WheelUncertainty{ending}"])
+        read_wheel(name, *(results[f"Wheel{what}{ending}"] for what in ("Result", "Uncertainty", "Axis")))
         for name, ending in database.wheels.items()
     )
     axles = tuple(
         read_axle(name, results[f"AxleResult{ending}"], results[f"AxleUncertainty{ending}"])
         for name, ending in database.axles.items()
     )
-    vehicle = read_vehicle(results["VehicleResult"])
+    vehicle = read_vehicle(results["VehicleResult"], read_geometry(database, results))
     answers: tuple[WheelAnswer | AxleAnswer, ...] = wheels + axles
     parts = overall_outcome(answer.outcome for answer in answers)
     if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
         raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
+    missed = [q.name for q in vehicle.geometry.quantities if q.state is QuantityState.NOK]
+    if vehicle.outcome is Outcome.OK and missed:
+        raise LineError(
+            f"the vehicle of sequence {sequence} is shown as ok, but out of limits: {', '.join(missed)}"
+        )
     return vehicle, wheels, axles

@@ -31,6 +31,7 @@ from station.line.plc.orders import (
 from station.line.plc.results import missing_results, read_results
 from station.line.plc.station_view import StationView
 from station.line.wire import (
+    INTERFACE_MAJOR,
     VIN_LENGTH,
     Answer,
     BusSettings,
@@ -97,6 +98,8 @@ class PlcSimulator:
         What it knows of the station.
     spoil
         What is wrong with the frames that it sends; None for good frames. For tests of a station.
+    interface
+        Major version of the interface that it says it speaks. For tests of a station.
     paused
         True lets the cyclic Command cease, as a controller does that has lost its power.
     """
@@ -119,6 +122,7 @@ class PlcSimulator:
         self._link = ProtectedLink(bus, database, clock)
         self.view = StationView(self._link, clock)
         self.spoil: Spoil | None = None
+        self.interface = INTERFACE_MAJOR
         self.paused = False
         self._standing = _Standing()
         self._sending = threading.RLock()
@@ -376,6 +380,7 @@ class PlcSimulator:
                 "Mode": str(standing.mode),
                 "VehicleType": standing.vehicle_type,
                 "Heartbeat": self._heartbeat,
+                "InterfaceMajor": self.interface,
                 **bits,
             }
             self._send(self._database.encode("Command", values))

@@ -14,9 +14,11 @@ from station.line.wire import (
     CommandAnswer,
     CommandCode,
     LineStatus,
+    LiveAge,
     ProtectedLink,
     StationInfo,
     Value,
+    read_age,
     read_answer,
     read_info,
     read_live,
@@ -49,6 +51,10 @@ class StationView:
         self._recording = False
         self._results: dict[str, dict[str, Value]] = {}
         self._live: dict[str, LiveAngles] = {}
+        self._ages: dict[str, LiveAge] = {}
+        endings = link.database.wheels.items()
+        self._live_of = {f"LiveAngles{ending}": wheel for wheel, ending in endings}
+        self._age_of = {f"LiveAge{ending}": wheel for wheel, ending in endings}
 
     @property
     def status(self) -> LineStatus | None:
@@ -88,6 +94,12 @@ class StationView:
             return dict(self._live)
 
     @property
+    def live_ages(self) -> dict[str, LiveAge]:
+        """How old the last live angles of each wheel were when they were sent."""
+        with self._changed:
+            return dict(self._ages)
+
+    @property
     def results(self) -> dict[str, dict[str, Value]]:
         """The last good result messages, by name."""
         with self._changed:
@@ -100,6 +112,7 @@ class StationView:
             self._recording = True
             self._results.clear()
             self._live.clear()
+            self._ages.clear()
 
     def recorded(self) -> tuple[ReceivedMessage, ...]:
         """All messages since `record`; keeps none any more."""
@@ -118,6 +131,7 @@ class StationView:
             self._answers.clear()
             self._results.clear()
             self._live.clear()
+            self._ages.clear()
             self._link.forget()
             self._changed.notify_all()
         return True
@@ -139,10 +153,10 @@ class StationView:
                     self._answers[self._answer.code, self._answer.sequence] = self._answer
                 case "StationInfo":
                     self._info = read_info(values)
-                case _ if name.startswith("LiveAngles"):
-                    endings = self._link.database.wheels
-                    wheel = next(w for w, ending in endings.items() if name == f"LiveAngles{ending}")
+                case _ if wheel := self._live_of.get(name):
                     self._live[wheel] = read_live(wheel, values)
+                case _ if wheel := self._age_of.get(name):
+                    self._ages[wheel] = read_age(wheel, values)
                 case _:
                     self._results[name] = values
             self._changed.notify_all()

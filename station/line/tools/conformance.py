@@ -12,8 +12,15 @@ from collections.abc import Callable, Iterator
 from alignment.counting import listed
 from alignment.errors import TruewheelError
 from station.cycle import ErrorCode, LiveState, Mode, Outcome
+from station.line.tools.conformance_values import (
+    geometry_of_the_vehicle,
+    kind_of_wheels,
+    live_ages,
+    mode_of_no_station,
+    older_controller,
+)
 from station.line.tools.trial import Point, PointVerdict, Trial
-from station.line.wire import CommandAnswer, CommandCode, HandshakeState, Spoil
+from station.line.wire import INTERFACE_MAJOR, CommandAnswer, CommandCode, HandshakeState, Spoil
 
 C, E = CommandCode, ErrorCode
 _STATUS_JITTER = 2.0
@@ -340,6 +347,8 @@ POINTS: tuple[Point, ...] = (
     Point("status-comes", "Status comes at its cycle time", _status_comes),
     Point("frames-protected", "every frame has a good CRC and counter", _frames_protected),
     Point("interface-version", "StationInfo names the interface's version", _interface_version),
+    Point("older-controller", "commands of a controller of another interface are refused", older_controller),
+    Point("unserved-mode", "a start in a mode that the station has not is refused", mode_of_no_station),
     Point("heartbeat-echo", "the heartbeat comes back", _heartbeat_comes_back),
     Point("lost-heartbeat", "without Command frames the station is not ready", _lost_heartbeat),
     Point(
@@ -355,6 +364,8 @@ POINTS: tuple[Point, ...] = (
     Point("number-zero", "a start with the number 0 is refused", _number_zero),
     Point("unknown-vehicle-type", "an unknown vehicle type is refused", _unknown_type),
     Point("good-cycle", "start, busy, results, ResultValid, acknowledge, ready, in this order", _good_cycle),
+    Point("wheel-axes", "each judged wheel says what its angles are those of", kind_of_wheels),
+    Point("geometry", "results say what angles and lengths refer to", geometry_of_the_vehicle),
     Point("repeated-start", "a repeated start counts once", _repeated_start),
     Point("start-while-held", "no other start while results are held", _start_while_held),
     Point("held-results", "results are sent until their number is acknowledged", _held_until_acknowledged),
@@ -369,6 +380,7 @@ POINTS: tuple[Point, ...] = (
     Point("prepare", "prepare is accepted, stop takes it back", _prepare),
     Point("master-check", "a master wheel is measured and reported", _master_check, Mode.MASTER_CHECK),
     Point("adjust", "live angles until stop, then a result", _adjust, Mode.ADJUST),
+    Point("live-ages", "live angles come with their age", live_ages, Mode.ADJUST),
     Point("adjust-aborted", "an abort ends adjusting", _adjust_aborted, Mode.ADJUST),
     Point("adjust-lost-heartbeat", "a lost heartbeat ends adjusting", _adjust_lost, Mode.ADJUST),
 )
@@ -388,7 +400,7 @@ def try_point(point: Point, trial: Trial) -> PointVerdict:
         point.run(trial)
     except TruewheelError as error:
         failure = str(error)
-    trial.plc.spoil, trial.plc.paused = None, False
+    trial.plc.spoil, trial.plc.paused, trial.plc.interface = None, False, INTERFACE_MAJOR
     trial.plc.withdraw()
     return PointVerdict(point.name, point.requirement, failure)
 

@@ -22,7 +22,16 @@ from station.line.tools.document_text import (
     SIGNAL_LEGEND,
     TOOLS,
 )
-from station.line.wire import MEANINGS, HandshakeState, LineDatabase, Value, protect
+from station.line.wire import (
+    CONTROLLER_IDENTIFIERS,
+    INTERFACE_MAJOR,
+    MEANINGS,
+    RESERVED_FOR_MODES,
+    HandshakeState,
+    LineDatabase,
+    Value,
+    protect,
+)
 
 _E2E = ("E2eCrc", "E2eCounter")
 
@@ -40,11 +49,12 @@ def interface_document(database: LineDatabase) -> str:
             status_ms=_ms(database.timeout_s("Status")),
             prepare_s=PREPARE_LIFETIME_S,
         ),
-        MODES_TEXT,
+        MODES_TEXT.format(major=database.interface_version[0]),
         _protection(database),
         _messages(database),
         _signals(database),
         _error_codes(database),
+        _reserved(),
         TOOLS,
     ]
     return "\n".join(part.strip() + "\n" for part in parts)
@@ -55,10 +65,12 @@ def _for_plc_programmers(database: LineDatabase) -> str:
     store_s = float(DatabaseSettings.model_fields["timeout_s"].default)
     longest_s = cycle.measure_timeout_s + 6 * store_s
     return FOR_PLC_PROGRAMMERS.format(
+        major=database.interface_version[0],
         longest_s=longest_s,
         longest_master_s=longest_s + 8 * store_s,
         longest_adjust_s=longest_s + cycle.adjust_timeout_s,
         status_ms=_ms(database.timeout_s("Status")),
+        results=", ".join(f"`{name}`" for name in database.result_messages),
     )
 
 
@@ -94,7 +106,8 @@ stateDiagram-v2
 
 What every command does in every state: **→** leads to a state, *harmless* is accepted and changes nothing,
 any other entry is the error code with which it is refused. "Same" is the number of the start in hand, or else
-of the last one.
+of the last one. A command of a controller that speaks another major version of the interface is refused with
+`wrong_interface` in every state.
 
 {_table(["state", *Request], rows)}
 
@@ -144,12 +157,15 @@ The CRC has the polynomial 0x1D of SAE J1850, most significant bit first, nothin
 at the end, and gives other values: the profile calls it so that both cancel. A receiver
 
 - drops a frame whose CRC is wrong or whose counter is 15,
-- compares the counter with that of the last frame with a right CRC, counting on from 14 to 0: 1 to
-  {_delta(database)} ahead counts, the same number is a repetition and is dropped,
+- compares the counter with that of the last frame with a right CRC, counting on from 14 to 0: a
+  step from 1 to the message's largest one counts, the same number is a repetition and is dropped,
 - takes a larger step as a jump: that frame is dropped, and the first one that follows in step; then frames
   count again,
 - drops the very first frame, which there is nothing to compare with, and begins so again after the
   communication was lost.
+
+The largest step is the message's own: a controller's task that looks at live frames every half second finds
+their counters five and more ahead. What decides, `Status`, answers and results, it must look at more often.
 
 {C_CODE}
 To test yours: with the data id 0x0123 and eight bytes of zero the frame is `CC 00 00 00 00 00 00 00`, and
@@ -169,25 +185,26 @@ def _examples(database: LineDatabase) -> Iterator[tuple[str, str, int, str]]:
         **dict.fromkeys(database.signals("Command"), 0),
         "Code": "none",
         "Mode": "automatic",
+        "InterfaceMajor": INTERFACE_MAJOR,
     }
     start: dict[str, Value] = {"Code": "start", "Sequence": 5, "VehicleType": 258, "Heartbeat": 1}
     wheels: dict[str, Value] = {f"Wheel{ending}": 1 for ending in database.wheels.values()}
     result: dict[str, Value] = {"Outcome": "nok", "Sequence": 5, "Camber": -1.2345, "Toe": 0.25}
+    axis: dict[str, Value] = {"Kind": "spin_axis", "Sequence": 5}
+    axis |= {"RunOut": 1.234, "HighSpot": 271.5, "RunOutU95": 0.05}
+    base: dict[str, Value] = {"State": "ok", "Sequence": 5, "Value": 2700.123, "U95": 0.08}
     examples: tuple[tuple[str, int, str, Mapping[str, Value]], ...] = (
-        ("Command", 0, "none, number 0, all else 0", idle),
+        ("Command", 0, f"none, interface {INTERFACE_MAJOR}, all else 0", idle),
         ("Command", 1, "start, number 5, all wheels, type 258, heartbeat 1", {**idle, **start, **wheels}),
         ("Vin1", 14, "number 5, WVWZZZ", {"SequenceLow": 5, **vin}),
         ("WheelResultFrontLeft", 7, "nok, number 5, camber −1.2345°, toe 0.25°", result),
+        ("WheelAxisFrontLeft", 8, "spin axis, number 5, 1.234 ± 0.05 mm of run-out, high spot 271.5°", axis),
+        ("GeometryWheelbaseLeft", 9, "ok, number 5, 2700.123 ± 0.08 mm", base),
     )
     for name, counter, content, values in examples:
         data = bytearray(database.encode(name, values).data)
         protect(data, database.protected[name].data_id, counter)
         yield name, content, counter, f"`{data.hex(' ').upper()}`"
-
-
-def _delta(database: LineDatabase) -> str:
-    steps = sorted({e2e.max_delta for e2e in database.protected.values()})
-    return " or ".join(map(str, steps))
 
 
 def _messages(database: LineDatabase) -> str:
@@ -224,7 +241,7 @@ def _signals(database: LineDatabase) -> str:
         first = messages[0]
         names = ", ".join(f"{m.name} (0x{m.frame_id:03X})" for m in messages)
         rows = [_signal_row(signal) for signal in first.signals if signal.name not in _E2E]
-        parts += ["", f"### {names}", "", str(first.comment), ""]
+        parts += ["", f"### {names}", "", *_said_of(messages), ""]
         parts.append(_table(("signal", "bits", "range", "unit", "step", "values", "meaning"), rows))
     return "\n".join(parts)
 
@@ -245,6 +262,43 @@ def _signal_row(signal: Signal) -> list[str]:
     ]
 
 
+def _said_of(messages: list[Message]) -> list[str]:
+    """The comment of messages that are alike; of the geometry, what each of them holds and then the rest."""
+    comments = [str(message.comment).partition(". Sent again ") for message in messages]
+    if len({what for what, _, _ in comments}) == 1 or not messages[0].name.startswith("Geometry"):
+        return [str(messages[0].comment)]
+    rows = [[message.name, f"{what}."] for message, (what, _, _) in zip(messages, comments, strict=True)]
+    return [_table(("message", "holds"), rows), "", f"Sent again {comments[0][2]}"]
+
+
+def _reserved() -> str:
+    rows = [
+        [
+            each.mode,
+            each.what,
+            f"0x{each.identifiers[0]:X} to 0x{each.identifiers[-1]:X}",
+            ", ".join(each.commands),
+            ", ".join(f"`{code}`" for code in each.codes),
+        ]
+        for each in RESERVED_FOR_MODES
+    ]
+    controller = f"0x{CONTROLLER_IDENTIFIERS[0]:X} to 0x{CONTROLLER_IDENTIFIERS[-1]:X}"
+    head = ("mode", "in which", "identifiers of the station", "commands", "error codes")
+    return f"""
+## Reserved
+
+For modes that later minor versions bring. Their numbers stand in the value tables already, so that a
+controller of today needs no other table then; no station of this version serves them.
+
+{_table(head, rows)}
+
+Identifiers {controller} are reserved for what the controller says in them, the numbers 9 to 15 of
+`Status.State` and 10 to 15 of `Status.Handshake` for their states, 19 to 39 and 115 to 139 of the error codes
+for further ones. A start in a reserved mode is refused with `mode_not_available`, the command step shows
+`unknown_command`.
+"""
+
+
 def _sorted(database: LineDatabase) -> list[Message]:
     return sorted(database.definition.messages, key=lambda message: message.frame_id)
 
@@ -252,11 +306,15 @@ def _sorted(database: LineDatabase) -> list[Message]:
 def _alike(database: LineDatabase) -> Iterator[list[Message]]:
     """Messages of the line, those of the same layout together."""
     endings = [*database.wheels.values(), *database.axles.values()]
-    stem = re.compile(f"^(Wheel\\w+?|Axle\\w+?|LiveAngles)({'|'.join(endings)})$")
+    stem = re.compile(f"^(Wheel\\w+?|Axle\\w+?|Live\\w+?)({'|'.join(endings)})$")
     groups: dict[str, list[Message]] = {}
     for message in _sorted(database):
         found = stem.match(message.name)
-        groups.setdefault(found[1] if found else message.name, []).append(message)
+        name = found[1] if found else message.name
+        if name in database.geometry.values():
+            # All lengths are alike, and all angles.
+            name = f"geometry in {message.get_signal_by_name('Value').unit}"
+        groups.setdefault(name, []).append(message)
     return iter(groups.values())
 
 

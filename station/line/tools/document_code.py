@@ -123,10 +123,11 @@ void e2e_protect(uint8_t data[8], uint16_t data_id, uint8_t *counter)
     *counter = (uint8_t)((*counter + 1) % 15);
 }
 
-/* A receiver: one for each message, all zero at the beginning and after a lost communication. */
+/* A receiver: one for each message, all zero at the beginning and after a lost communication. Data id and
+   largest step are those of the message, as the table below gives them. */
 struct e2e_receiver { bool heard, unsure; uint8_t last; };
 
-bool e2e_counts(struct e2e_receiver *receiver, const uint8_t data[8], uint16_t data_id)
+bool e2e_counts(struct e2e_receiver *receiver, const uint8_t data[8], uint16_t data_id, int largest_step)
 {
     uint8_t counter = data[1] & 0x0F;
     if (counter > 14 || data[0] != e2e_crc(data, data_id))
@@ -137,7 +138,7 @@ bool e2e_counts(struct e2e_receiver *receiver, const uint8_t data[8], uint16_t d
     receiver->last = counter;
     if (first || step == 0)
         return false;
-    if (step > 3) {
+    if (step > largest_step) {
         receiver->unsure = true;
         return false;
     }

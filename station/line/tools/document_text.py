@@ -7,15 +7,17 @@ How a PLC and a Truewheel station talk over CAN. This page is written by `truewh
 `configs/line.dbc` and the program's own tables, and a test asserts that it is current: change those, not
 this.
 
-Interface version {major}.{minor}; the station says it in `StationInfo`. A controller that knows another major
-version must not start. CAN 2.0, 500 kbit/s unless configured otherwise, standard identifiers.
+Interface version {major}.{minor}; the station says it in `StationInfo`, the controller in `Command`. The
+station refuses every command of a controller of another major version with `wrong_interface`. A minor version
+only adds. CAN 2.0, 500 kbit/s unless configured otherwise, standard identifiers.
 """
 
 FOR_PLC_PROGRAMMERS = """
 ## For PLC programmers
 
 1. **Send `Command` every 100 ms, always**, with code none while there is nothing to do, and at once when it
-   changes. It is your sign of life. Send `Vin1` to `Vin3` with zeros every second between vehicles.
+   changes. It is your sign of life. `InterfaceMajor` in it is {major}, always. Send `Vin1` to `Vin3` with
+   zeros every second between vehicles.
 2. **Power up**: wait until `Status` comes and `CommandAnswer.LinkUp` is yes, and as long as
    `Status.Handshake` is starting: on a new computer the station compiles for a minute or more, sends
    everything in time and refuses every command with `starting`. If `Status.ResultValid` is yes, the station
@@ -34,11 +36,14 @@ FOR_PLC_PROGRAMMERS = """
    start that was accepted, for an unknown vehicle type for one: the answer changes to refused then.
 5. **Wait** for `ResultValid` with your number, as long as a cycle may take (table below). `Fault` ends it
    without a result; so does `Ready`, when the station restarted meanwhile.
-6. **Take over**: read all result messages whose number is yours; what is missing comes again within 100 ms.
+6. **Take over**: read all result messages (list below) whose number is yours; what is missing comes again
+   within 100 ms.
    Keep them where they survive your own restart. Then put acknowledge with the number on the bus until
    `ResultValid` is gone, and go back to none.
 7. **A wheel is good only** when its `Outcome` is ok, and the vehicle only when `VehicleResult.Outcome` is ok.
-   nok is a vehicle out of limits; fault, aborted and anything else is a vehicle that was not measured.
+   nok is a vehicle out of limits; fault, aborted and anything else is a vehicle that was not measured. The
+   verdict holds everything that has limits, lengths and run-out too; `Geometry…` and `WheelAxis…` say more of
+   it, and are no verdict of their own.
 8. **Judge frames before you use them**: CRC, counter, and time (see the columns of the messages). A frame
    that does not count did not happen. Without a good `Status` in time take the station as lost: withdraw
    the command, treat the vehicle as not measured, and go on with (2) when it comes back.
@@ -56,6 +61,8 @@ For each wheel beyond four a master check takes up to 2 × `database.timeout_s` 
 ends sooner; `Ready` may then come up to `cycle.measure_timeout_s` after its results, while cameras that
 were left behind finish.
 
+The result messages, in the order of sending: {results}.
+
 The steps of a controller, in Structured Text (IEC 61131-3). `Type#WORD` is a word of the value tables, in
 capitals. All else that it names:
 
@@ -72,8 +79,7 @@ another attempt |
 | `Put` | what stands in `Command` from now on; with start also type, wheels and mode, and the \
 three VIN frames, all with this number |
 | `ForgetResults` | clears the received result messages |
-| `ResultsComplete` | the last good frame of every result message, uncertainties included, has this \
-number |
+| `ResultsComplete` | the last good frame of every result message has this number |
 | `KeepResults` | stores the verdicts for the vehicle of this number, where they survive a restart, \
 also of one that was started before your restart |
 | `NotMeasured` | the vehicle of this number was not measured, and why; results that come later \
@@ -97,8 +103,9 @@ sequenceDiagram
     P->>S: Command none
     Note over S: cameras, angles, verdict
     Note over S: record committed to the database
-    S->>P: WheelUncertainty…, WheelResult… (n), each wheel
+    S->>P: WheelUncertainty…, WheelAxis…, WheelResult… (n), each wheel
     S->>P: AxleUncertainty…, AxleResult… (n), each axle
+    S->>P: VehicleReference, Geometry… (n)
     S->>P: VehicleResult (n)
     S->>P: Status ResultValid (n)
     Note over S: results again every 100 ms
@@ -153,7 +160,21 @@ Stored as a check of each rig's calibration too, where those limits are within �
 | calibrate | records images of the calibration plate; every marked wheel is answered with `recorded` \
 | by itself |
 
-A live angle is true now only in the states inside and outside. It is never a verdict and never stored.
+A live angle is true now only in the states inside and outside, and `LiveAge…` of the same `Shot` says how
+many milliseconds ago its images were taken. It is never a verdict and never stored.
+
+## Coming from interface 2
+
+What was there stays where it was: no identifier, no signal and no number of a value table has changed its
+place. What a controller of interface 2 must do:
+
+- put {major} into `Command.InterfaceMajor` (bits 60 to 63, which were 0) of every frame; without it every
+  command is refused with `wrong_interface`;
+- read the new result messages `WheelAxis…`, `VehicleReference` and `Geometry…` before it acknowledges, and
+  `LiveAge…` where it shows live angles;
+- judge counters by the largest step of each message, which is another one for live frames.
+
+Traffic that was recorded by interface 2 is read by the DBC of this one, and by its own.
 """
 
 SIGNAL_LEGEND = """

@@ -10,6 +10,8 @@ from .dbc import VIN_LENGTH as VIN_LENGTH
 from .dbc import LineDatabase as LineDatabase
 from .dbc import Value as Value
 from .dbc import load_line_database as load_line_database
+from .dbc_needs import INTERFACE_MAJOR as INTERFACE_MAJOR
+from .dbc_needs import UNSTATED_MAJOR as UNSTATED_MAJOR
 from .error_codes import MEANINGS as MEANINGS
 from .error_frames import error_in_words as error_in_words
 from .link import LinkHealth as LinkHealth
@@ -20,6 +22,7 @@ from .messages import CommandAnswer as CommandAnswer
 from .messages import CommandCode as CommandCode
 from .messages import HandshakeState as HandshakeState
 from .messages import LineStatus as LineStatus
+from .messages import LiveAge as LiveAge
 from .messages import StationInfo as StationInfo
 from .messages import VehicleReport as VehicleReport
 from .options import DEFAULT_OPTIONS as DEFAULT_OPTIONS
@@ -27,8 +30,12 @@ from .options import LineHealth as LineHealth
 from .options import LineOptions as LineOptions
 from .protection import Guard as Guard
 from .protection import protect as protect
+from .reserved import CONTROLLER_IDENTIFIERS as CONTROLLER_IDENTIFIERS
+from .reserved import RESERVED_COMMANDS as RESERVED_COMMANDS
+from .reserved import RESERVED_FOR_MODES as RESERVED_FOR_MODES
 from .results import blank_frames as blank_frames
-from .results import live_frame as live_frame
+from .results import frames_of_live as frames_of_live
+from .results import read_age as read_age
 from .results import read_axle as read_axle
 from .results import read_live as read_live
 from .results import read_vehicle as read_vehicle
@@ -41,6 +48,7 @@ from .status import read_answer as read_answer
 from .status import read_info as read_info
 from .status import read_status as read_status
 from .status import status_frame as status_frame
+from .vehicle_frames import read_geometry as read_geometry
 from .vin import VinAssembly as VinAssembly
 from .vin import VinState as VinState
 from .vin import checked_vin as checked_vin

@@ -1,8 +1,8 @@
 """The line's DBC: the one description of every bit on the bus, checked once against what the program needs.
 
 The wheels and axles of a station are those of its DBC: a further wheel is a bit ``WheelX`` in Command, the
-messages ``WheelResultX``, ``WheelUncertaintyX`` and ``LiveAnglesX`` and a word in ``ErrorDetail.Wheel``, a
-further axle ``AxleResultX`` and ``AxleUncertaintyX``.
+messages ``WheelResultX``, ``WheelUncertaintyX``, ``WheelAxisX``, ``LiveAnglesX`` and ``LiveAgeX`` and a word
+in ``ErrorDetail.Wheel``, a further axle ``AxleResultX`` and ``AxleUncertaintyX``.
 """
 
 from __future__ import annotations
@@ -20,9 +20,22 @@ from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
 
 from alignment.errors import ConfigurationError, InputError
-from station.line.wire.dbc_needs import FIXED, FLAG, INVALID, PER_AXLE, PER_WHEEL, VIN, Need
+from station.line.wire.dbc_needs import (
+    FIXED,
+    FLAG,
+    GEOMETRY_MESSAGES,
+    INTERFACE_MAJOR,
+    INVALID,
+    PER_AXLE,
+    PER_WHEEL,
+    VIN,
+    Need,
+    Needs,
+    needed_since_2,
+)
 from station.line.wire.dbc_text import DAMAGED, read_dbc
 from station.line.wire.protection import E2eParameters
+from station.line.wire.reserved import reserved_for
 
 Value = float | int | str
 _FLAG_WORDS = {"no": 0, "yes": 1}
@@ -43,6 +56,13 @@ def snake_case(name: str) -> str:
 class LineDatabase:
     """A DBC that holds everything the line interface uses; encodes and decodes its messages.
 
+    Parameters
+    ----------
+    database, file
+        What was read, and where.
+    older
+        Whether it may be of an older interface, which is enough to read what was recorded by it.
+
     Attributes
     ----------
     file
@@ -52,6 +72,8 @@ class LineDatabase:
         bits of Command and of the identifiers.
     vin_messages
         The messages that carry the VIN to the signals of its characters, in order.
+    geometry
+        Quantities of the vehicle's geometry to their messages, in the order of sending.
     protected
         End-to-end parameters of every message of the line, by its name.
     interface_version
@@ -60,21 +82,24 @@ class LineDatabase:
         The whole DBC, for documents.
     """
 
-    def __init__(self, database: Database, file: Path) -> None:
+    def __init__(self, database: Database, file: Path, *, older: bool = False) -> None:
         self.file = file
         self.definition = database
         self.protected: dict[str, E2eParameters] = {}
         self._check_unique(database)
         self._by_name = {message.name: message for message in database.messages}
         self._by_id = {message.frame_id: message for message in database.messages}
-        for name, needs in FIXED.items():
+        self.interface_version = self._version(database, older)
+        self.geometry: Mapping[str, str] = GEOMETRY_MESSAGES
+        fixed, per_wheel = self._needs(FIXED), self._needs(PER_WHEEL)
+        for name, needs in fixed.items():
             self._check_message(name, needs)
         bits = [s for s in self._by_name["Command"].signals if re.fullmatch(r"Wheel[A-Z]\w*", s.name)]
         bits.sort(key=lambda signal: signal.start)
         self.wheels = self._parts("WheelResult", (signal.name.removeprefix("Wheel") for signal in bits))
         for ending in self.wheels.values():
             self._check_message("Command", {f"Wheel{ending}": FLAG})
-            for stem, needs in PER_WHEEL.items():
+            for stem, needs in per_wheel.items():
                 self._check_message(stem + ending, needs)
         results = sorted((m for m in database.messages if m.name.startswith("AxleResult")), key=_frame_id)
         self.axles = self._parts("AxleResult", (m.name.removeprefix("AxleResult") for m in results))
@@ -87,10 +112,6 @@ class LineDatabase:
         self._check_wheel_numbers()
         self._check_data_ids()
         self._check_times()
-        self.interface_version = (
-            self._number(database.dbc, "the DBC", "InterfaceMajor", 0, 255, missing=0),
-            self._number(database.dbc, "the DBC", "InterfaceMinor", 0, 255, missing=0),
-        )
 
     def encode(self, name: str, values: Mapping[str, Value]) -> can.Message:
         """Make a frame of a message from the physical values or words of its signals, not yet protected.
@@ -153,6 +174,10 @@ class LineDatabase:
         """Physical value of one raw step of a signal."""
         return float(self._by_name[message].get_signal_by_name(signal).scale)
 
+    def unit(self, message: str, signal: str) -> str:
+        """Unit of a signal, as the DBC writes it."""
+        return str(self._by_name[message].get_signal_by_name(signal).unit)
+
     def cycle_time_s(self, message: str) -> float | None:
         """Seconds between two frames of a cyclic message; None when it is not cyclic."""
         milliseconds = self._by_name[message].cycle_time
@@ -166,9 +191,10 @@ class LineDatabase:
     @property
     def result_messages(self) -> tuple[str, ...]:
         """Names of all messages that carry results, in the order of sending."""
-        parts = [f"Wheel{part}{e}" for e in self.wheels.values() for part in ("Uncertainty", "Result")]
-        parts += [f"Axle{part}{e}" for e in self.axles.values() for part in ("Uncertainty", "Result")]
-        return (*parts, "VehicleResult")
+        of_wheel, of_axle = ("Uncertainty", "Axis", "Result"), ("Uncertainty", "Result")
+        parts = [f"Wheel{part}{e}" for e in self.wheels.values() for part in of_wheel]
+        parts += [f"Axle{part}{e}" for e in self.axles.values() for part in of_axle]
+        return (*parts, "VehicleReference", *self.geometry.values(), "VehicleResult")
 
     def signals(self, message: str) -> tuple[str, ...]:
         """Names of a message's signals, without those of the end-to-end protection."""
@@ -177,6 +203,21 @@ class LineDatabase:
     def messages_from(self, sender: str) -> tuple[str, ...]:
         """Names of the line's messages that a node sends."""
         return tuple(name for name in self.protected if sender in self._by_name[name].senders)
+
+    def _version(self, database: Database, older: bool) -> tuple[int, int]:
+        major = self._number(database.dbc, "the DBC", "InterfaceMajor", 0, 255, missing=0)
+        if major > INTERFACE_MAJOR or (major < INTERFACE_MAJOR and not older):
+            raise ConfigurationError(
+                file=self.file,
+                field="the DBC, attribute InterfaceMajor",
+                expected=f"{INTERFACE_MAJOR}, the interface that this program speaks",
+                seen=str(major) if major else "none",
+                cure="Take configs/line.dbc of this program, and put into it what you had changed in yours.",
+            )
+        return major, self._number(database.dbc, "the DBC", "InterfaceMinor", 0, 255, missing=0)
+
+    def _needs(self, needs: Needs) -> Needs:
+        return needs if self.interface_version[0] == INTERFACE_MAJOR else needed_since_2(needs)
 
     def _parts(self, stem: str, endings: Iterable[str]) -> dict[str, str]:
         parts = {snake_case(ending): ending for ending in endings}
@@ -202,6 +243,13 @@ class LineDatabase:
                 field=name,
                 expected="a message of at most 8 bytes, with a standard identifier and without multiplexing",
                 seen=f"{message.length} bytes, identifier 0x{message.frame_id:X}",
+            )
+        if (taken := reserved_for(message.frame_id)) is not None:
+            raise ConfigurationError(
+                file=self.file,
+                field=name,
+                expected="an identifier that is not reserved",
+                seen=f"0x{message.frame_id:X}, reserved for {taken}",
             )
         self.protected[name] = self._protection(message)
         for signal, need in needs.items():
@@ -343,8 +391,8 @@ class LineDatabase:
                 )
 
 
-def load_line_database(path: str | PathLike[str]) -> LineDatabase:
-    """Read a DBC and check that it describes the whole line interface.
+def load_line_database(path: str | PathLike[str], *, older: bool = False) -> LineDatabase:
+    """Read a DBC and check that it describes the whole line interface, or an older one where that is enough.
 
     Raises
     ------
@@ -354,7 +402,7 @@ def load_line_database(path: str | PathLike[str]) -> LineDatabase:
     file = Path(path)
     database = read_dbc(file)
     try:
-        return LineDatabase(database, file)
+        return LineDatabase(database, file, older=older)
     except ConfigurationError:
         raise
     except DAMAGED as error:

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
-from station.cycle import ErrorCode, LiveState, Mode, Outcome, Quality, StationState
+from station.cycle import (
+    GEOMETRY,
+    GEOMETRY_ANGLES,
+    RESERVED_CODES,
+    RESERVED_MODES,
+    AxisKind,
+    ErrorCode,
+    LiveState,
+    Mode,
+    Outcome,
+    Quality,
+    QuantityState,
+    StationState,
+)
 from station.line.wire.messages import Answer, CommandCode, HandshakeState, Part
 
 INVALID = "invalid"
+INTERFACE_MAJOR, UNSTATED_MAJOR = 3, 2
+"""Major version of the interface that this program speaks, and of a controller that states none."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +44,21 @@ _ANGLE = Need(lowest=-10.0, highest=10.0, step=1e-4, words=(INVALID,))
 _SUM = Need(lowest=-20.0, highest=20.0, step=1e-4, words=(INVALID,))
 _UNCERTAINTY = Need(highest=1.0, step=1e-4, words=(INVALID,))
 
+_KIND = Need(words=tuple(AxisKind))
+GEOMETRY_MESSAGES = {
+    name: "Geometry" + "".join(part.capitalize() for part in re.split(r"[._]", name)) for name in GEOMETRY
+}
+"""Message of each quantity of the vehicle's geometry, in the order of sending."""
+
+
+def _quantity(name: str) -> dict[str, Need]:
+    value = _ANGLE
+    if name not in GEOMETRY_ANGLES:
+        value = Need(lowest=-8000.0, highest=8000.0, step=0.01, words=(INVALID,))
+    u95 = _UNCERTAINTY if name in GEOMETRY_ANGLES else Need(highest=50.0, step=0.01, words=(INVALID,))
+    return {"State": Need(words=tuple(QuantityState)), "Sequence": _SEQUENCE, "Value": value, "U95": u95}
+
+
 VIN = {
     "Vin1": {"SequenceLow": Need(highest=15), **{f"Vin{k:02d}": Need(highest=127) for k in range(1, 7)}},
     "Vin2": {"SequenceLow": Need(highest=15), **{f"Vin{k:02d}": Need(highest=127) for k in range(7, 13)}},
@@ -40,6 +72,7 @@ FIXED = {
         "Mode": Need(words=tuple(Mode)),
         "VehicleType": Need(highest=65535),
         "Heartbeat": _SEQUENCE,
+        "InterfaceMajor": Need(highest=15),
     },
     "Status": {
         "State": Need(words=tuple(StationState)),
@@ -79,6 +112,12 @@ FIXED = {
         "ThrustSign": Need(words=("left_positive", "right_positive")),
         "ThrustAngleU95": _UNCERTAINTY,
     },
+    "VehicleReference": {
+        "Reference": Need(words=("none", "stand", "vehicle")),
+        "Sequence": _SEQUENCE,
+        "Between": Need(words=("none", "sidewalls", "wheel_centres", "contact_centres")),
+    },
+    **{message: _quantity(name) for name, message in GEOMETRY_MESSAGES.items()},
 }
 PER_WHEEL = {
     "WheelUncertainty": {
@@ -88,12 +127,24 @@ PER_WHEEL = {
         "ToeU95": _UNCERTAINTY,
         "Residual": Need(highest=1.0, step=0.01, words=(INVALID,)),
     },
+    "WheelAxis": {
+        "Kind": _KIND,
+        "Sequence": _SEQUENCE,
+        "RunOut": Need(highest=50.0, step=0.01, words=(INVALID,)),
+        "HighSpot": Need(highest=359.0, step=1.0, words=(INVALID,)),
+        "RunOutU95": Need(highest=5.0, step=0.01, words=(INVALID,)),
+    },
     "WheelResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "Camber": _ANGLE, "Toe": _ANGLE},
     "LiveAngles": {
         "State": Need(words=tuple(LiveState)),
         "Shot": _SEQUENCE,
         "Camber": _ANGLE,
         "Toe": _ANGLE,
+    },
+    "LiveAge": {
+        "Kind": _KIND,
+        "Shot": _SEQUENCE,
+        "Age": Need(highest=60_000.0, step=100.0, words=(INVALID,)),
     },
 }
 PER_AXLE = {
@@ -104,3 +155,27 @@ PER_AXLE = {
     },
     "AxleResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "TotalToe": _SUM, "CamberDifference": _SUM},
 }
+_MESSAGES_OF_3 = {"VehicleReference", "WheelAxis", "LiveAge", *GEOMETRY_MESSAGES.values()}
+_SIGNALS_OF_3 = {"InterfaceMajor"}
+_WORDS_OF_3 = {*RESERVED_MODES, *RESERVED_CODES, CommandCode.STEP, ErrorCode.WRONG_INTERFACE}
+Needs = Mapping[str, Mapping[str, Need]]
+"""By message, by signal."""
+
+
+def needed_since_2(needs: Needs) -> Needs:
+    """What of these needs the DBC of an older interface has too, for who reads recorded traffic by it."""
+    return {
+        message: {
+            name: _of_2(need)
+            for name, need in signals.items()
+            if message != "Command" or name not in _SIGNALS_OF_3
+        }
+        for message, signals in needs.items()
+        if message not in _MESSAGES_OF_3
+    }
+
+
+def _of_2(need: Need) -> Need:
+    if not set(need.words) & _WORDS_OF_3:
+        return need
+    return replace(need, words=tuple(word for word in need.words if word not in _WORDS_OF_3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from station.cycle import ErrorCode
+from station.line.wire.dbc_needs import INTERFACE_MAJOR, UNSTATED_MAJOR
 from station.line.wire.messages import Part
 
 
@@ -15,6 +16,10 @@ class Meaning:
     part: Part
     cause: str
     cure: str
+
+
+def _reserved(part: Part, what: str) -> Meaning:
+    return Meaning(part, f"Reserved, no station sends it yet. {what}", "Nothing to do.")
 
 
 MEANINGS: dict[ErrorCode, Meaning] = {
@@ -34,7 +39,9 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         Part.LINE, "The start marks no wheel.", "Set the bit of at least one wheel."
     ),
     ErrorCode.UNKNOWN_COMMAND: Meaning(
-        Part.LINE, "The code of the command is none of the value table.", "Send a code of the value table."
+        Part.LINE,
+        "The code of the command is none of the value table, or reserved.",
+        "Send a code of the value table.",
     ),
     ErrorCode.BUSY: Meaning(
         Part.CYCLE, "Another start is in hand.", "Wait until Status shows Ready, or abort the other one."
@@ -86,6 +93,13 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         "The mode is none of the value table, or this station is not set up for it.",
         "Choose another mode; calibrate needs a folder for its images in the configuration.",
     ),
+    ErrorCode.WRONG_INTERFACE: Meaning(
+        Part.LINE,
+        f"The controller speaks another major version of the interface than {INTERFACE_MAJOR}: "
+        f"Command.InterfaceMajor says so, where 0 means {UNSTATED_MAJOR}.",
+        "Bring the controller's program to the station's interface; StationInfo says which it is.",
+    ),
+    ErrorCode.NOTHING_TO_STEP: _reserved(Part.CYCLE, "A step that no sweep or guidance waits for."),
     ErrorCode.CAMERA_FAULT: Meaning(
         Part.CAMERAS,
         "A camera was lost, or delivered no image in time.",
@@ -138,5 +152,9 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         "Adjusting was not stopped within the configured time; the cycle was aborted.",
         "Start again with a new number.",
     ),
+    ErrorCode.SWEEP_FAULT: _reserved(Part.CYCLE, "A sweep of the steering that failed."),
+    ErrorCode.GUIDANCE_FAULT: _reserved(Part.CYCLE, "Guidance of the operator that failed."),
+    ErrorCode.STEERING_FAULT: _reserved(Part.CYCLE, "A steering wheel whose angle is not known."),
+    ErrorCode.LOCATE_FAULT: _reserved(Part.MEASUREMENT, "Places on the vehicle that were not found."),
 }
 """By code; every code has its row."""

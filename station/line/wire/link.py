@@ -90,7 +90,8 @@ class ProtectedLink:
         # A frame that fails has used its counter up, which the receiver takes for one lost frame.
         with self._sending:
             if name in self.database.protected:
-                self._protector.protect(name, data, jump=_JUMP if spoil == "counter" else 1)
+                wrong = max(_JUMP, self.database.protected[name].max_delta + 1)
+                self._protector.protect(name, data, jump=wrong if spoil == "counter" else 1)
                 data[0] ^= int(spoil == "crc")
             self.bus.send(
                 can.Message(

@@ -11,7 +11,7 @@ import enum
 from dataclasses import dataclass
 
 from alignment.vehicle import ThrustSign
-from station.cycle import ErrorCode, Outcome, StationState
+from station.cycle import NO_GEOMETRY, AxisKind, ErrorCode, GeometryAnswer, Outcome, StationState
 
 
 class HandshakeState(enum.StrEnum):
@@ -37,7 +37,7 @@ class HandshakeState(enum.StrEnum):
 
 
 class CommandCode(enum.StrEnum):
-    """What the controller asks; the words of the DBC's value table."""
+    """What the controller asks; the words of the DBC's value table. STEP is reserved: no station takes it."""
 
     NONE = "none"
     PREPARE = "prepare"
@@ -46,6 +46,7 @@ class CommandCode(enum.StrEnum):
     ABORT = "abort"
     RESET = "reset"
     ACKNOWLEDGE = "acknowledge"
+    STEP = "step"
 
 
 class Answer(enum.StrEnum):
@@ -71,12 +72,23 @@ class Part(enum.StrEnum):
 
 @dataclass(frozen=True)
 class VehicleReport:
-    """The vehicle as the controller reads it: verdict over everything, and thrust angle (None: invalid)."""
+    """The vehicle as the controller reads it: verdict on all, thrust angle (None: invalid), geometry."""
 
     outcome: Outcome
     thrust_angle_deg: float | None
     thrust_angle_u95_deg: float | None
     thrust_sign: ThrustSign
+    geometry: GeometryAnswer = NO_GEOMETRY
+
+
+@dataclass(frozen=True)
+class LiveAge:
+    """One LiveAge message: age of the live angles of the same shot, seconds, and what they are those of."""
+
+    wheel: str
+    shot: int
+    age_s: float | None
+    kind: AxisKind
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from station.cycle import Mode
+from station.cycle import SERVED_MODES, Mode
 from station.line.wire.bus import BusHealth
 from station.line.wire.link import LinkHealth
 
@@ -27,7 +27,7 @@ class LineOptions:
 
     communication_timeout_s: float | None = None
     live_age_s: float = 1.0
-    modes: frozenset[Mode] = frozenset(Mode)
+    modes: frozenset[Mode] = SERVED_MODES
     software: tuple[int, int, int] = (0, 0, 0)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import cast
 
@@ -11,7 +10,10 @@ import can
 from alignment.errors import InputError, LineError
 from alignment.vehicle import ThrustSign
 from station.cycle import (
+    NO_GEOMETRY,
+    AxisKind,
     AxleAnswer,
+    GeometryAnswer,
     LiveAngles,
     LiveState,
     Outcome,
@@ -22,30 +24,42 @@ from station.cycle import (
 )
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.dbc_needs import INVALID
-from station.line.wire.messages import VehicleReport
+from station.line.wire.messages import LiveAge, VehicleReport
+from station.line.wire.numbers import fitting, read_number, rounded_up
+from station.line.wire.vehicle_frames import geometry_frames
 
 
 def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> tuple[can.Message, ...]:
-    """Uncertainty and result of one wheel, in the order of sending.
+    """Uncertainty, axis and result of one wheel, in the order of sending.
 
     Raises
     ------
     InputError
-        When an angle does not fit its signal.
+        When a value does not fit its signal.
     """
     ending = database.wheels[answer.wheel]
-    uncertainty, result = f"WheelUncertainty{ending}", f"WheelResult{ending}"
+    uncertainty, axis, result = (f"Wheel{what}{ending}" for what in ("Uncertainty", "Axis", "Result"))
     return (
         database.encode(
             uncertainty,
             {
                 "Quality": str(answer.quality),
                 "Sequence": sequence,
-                "CamberU95": _rounded_up(database, uncertainty, "CamberU95", answer.camber_u95_deg),
-                "ToeU95": _rounded_up(database, uncertainty, "ToeU95", answer.toe_u95_deg),
+                "CamberU95": rounded_up(database, uncertainty, "CamberU95", answer.camber_u95_deg),
+                "ToeU95": rounded_up(database, uncertainty, "ToeU95", answer.toe_u95_deg),
                 "Residual": INVALID
                 if answer.residual_mm is None
                 else min(answer.residual_mm, database.range_of(uncertainty, "Residual")[1]),
+            },
+        ),
+        database.encode(
+            axis,
+            {
+                "Kind": str(answer.kind),
+                "Sequence": sequence,
+                "RunOut": fitting(database, axis, "RunOut", answer.run_out_mm),
+                "HighSpot": _circled(database, axis, "HighSpot", answer.high_spot_deg),
+                "RunOutU95": rounded_up(database, axis, "RunOutU95", answer.run_out_u95_mm),
             },
         ),
         database.encode(
@@ -53,8 +67,8 @@ def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> 
             {
                 "Outcome": str(answer.outcome),
                 "Sequence": sequence,
-                "Camber": _angle(database, result, "Camber", answer.camber_deg),
-                "Toe": _angle(database, result, "Toe", answer.toe_deg),
+                "Camber": fitting(database, result, "Camber", answer.camber_deg),
+                "Toe": fitting(database, result, "Toe", answer.toe_deg),
             },
         ),
     )
@@ -70,8 +84,8 @@ def axle_frames(database: LineDatabase, sequence: int, answer: AxleAnswer) -> tu
             uncertainty,
             {
                 "Sequence": sequence,
-                "TotalToeU95": _rounded_up(database, uncertainty, "TotalToeU95", toe_u95),
-                "CamberDifferenceU95": _rounded_up(database, uncertainty, "CamberDifferenceU95", camber_u95),
+                "TotalToeU95": rounded_up(database, uncertainty, "TotalToeU95", toe_u95),
+                "CamberDifferenceU95": rounded_up(database, uncertainty, "CamberDifferenceU95", camber_u95),
             },
         ),
         database.encode(
@@ -79,8 +93,8 @@ def axle_frames(database: LineDatabase, sequence: int, answer: AxleAnswer) -> tu
             {
                 "Outcome": str(answer.outcome),
                 "Sequence": sequence,
-                "TotalToe": _angle(database, result, "TotalToe", answer.total_toe_deg),
-                "CamberDifference": _angle(
+                "TotalToe": fitting(database, result, "TotalToe", answer.total_toe_deg),
+                "CamberDifference": fitting(
                     database, result, "CamberDifference", answer.camber_difference_deg
                 ),
             },
@@ -98,23 +112,29 @@ def vehicle_frame(
         {
             "Outcome": str(overall),
             "Sequence": sequence,
-            "ThrustAngle": _angle(database, name, "ThrustAngle", answer.thrust_angle_deg),
+            "ThrustAngle": fitting(database, name, "ThrustAngle", answer.thrust_angle_deg),
             "ThrustSign": answer.thrust_sign,
-            "ThrustAngleU95": _rounded_up(database, name, "ThrustAngleU95", answer.thrust_angle_u95_deg),
+            "ThrustAngleU95": rounded_up(database, name, "ThrustAngleU95", answer.thrust_angle_u95_deg),
         },
     )
 
 
-def live_frame(database: LineDatabase, live: LiveAngles) -> can.Message:
-    """Angles of one wheel that is adjusted; raises like `wheel_frames`."""
-    name = f"LiveAngles{database.wheels[live.wheel]}"
+def frames_of_live(database: LineDatabase, live: LiveAngles, age: LiveAge) -> tuple[can.Message, can.Message]:
+    """Age and angles of one wheel that is adjusted, in the order of sending; raises like `wheel_frames`."""
+    ending = database.wheels[live.wheel]
+    name, aged = f"LiveAngles{ending}", f"LiveAge{ending}"
+    milliseconds: Value = INVALID
+    if age.age_s is not None:
+        milliseconds = min(round(1000.0 * age.age_s), int(database.range_of(aged, "Age")[1]))
     return database.encode(
+        aged, {"Kind": str(age.kind), "Shot": age.shot, "Age": milliseconds}
+    ), database.encode(
         name,
         {
             "State": str(live.state),
             "Shot": live.shot,
-            "Camber": _angle(database, name, "Camber", live.camber_deg),
-            "Toe": _angle(database, name, "Toe", live.toe_deg),
+            "Camber": fitting(database, name, "Camber", live.camber_deg),
+            "Toe": fitting(database, name, "Toe", live.toe_deg),
         },
     )
 
@@ -126,6 +146,7 @@ def blank_frames(database: LineDatabase) -> list[can.Message]:
         "Quality": str(Quality.NONE),
         "Sequence": 0,
         "ThrustSign": "left_positive",
+        **dict.fromkeys(("Kind", "State", "Reference", "Between"), "none"),
     }
     frames = []
     for name in database.result_messages:
@@ -134,8 +155,10 @@ def blank_frames(database: LineDatabase) -> list[can.Message]:
     return frames
 
 
-def read_wheel(wheel: str, result: Mapping[str, Value], uncertainty: Mapping[str, Value]) -> WheelAnswer:
-    """Answer of one wheel from its two decoded messages.
+def read_wheel(
+    wheel: str, result: Mapping[str, Value], uncertainty: Mapping[str, Value], axis: Mapping[str, Value]
+) -> WheelAnswer:
+    """Answer of one wheel from its three decoded messages.
 
     Raises
     ------
@@ -143,16 +166,21 @@ def read_wheel(wheel: str, result: Mapping[str, Value], uncertainty: Mapping[str
         When the messages contradict themselves or each other, such as ok with an invalid angle.
     """
     _same_sequence(wheel, result, uncertainty)
+    _same_sequence(wheel, result, axis)
     try:
         return WheelAnswer(
             wheel=wheel,
             outcome=Outcome(str(result["Outcome"])),
-            camber_deg=_number(result["Camber"]),
-            toe_deg=_number(result["Toe"]),
-            camber_u95_deg=_number(uncertainty["CamberU95"]),
-            toe_u95_deg=_number(uncertainty["ToeU95"]),
+            camber_deg=read_number(result["Camber"]),
+            toe_deg=read_number(result["Toe"]),
+            camber_u95_deg=read_number(uncertainty["CamberU95"]),
+            toe_u95_deg=read_number(uncertainty["ToeU95"]),
             quality=Quality(str(uncertainty["Quality"])),
-            residual_mm=_number(uncertainty["Residual"]),
+            residual_mm=read_number(uncertainty["Residual"]),
+            kind=AxisKind(str(axis["Kind"])),
+            run_out_mm=read_number(axis["RunOut"]),
+            run_out_u95_mm=read_number(axis["RunOutU95"]),
+            high_spot_deg=read_number(axis["HighSpot"]),
         )
     except ValueError as error:
         raise LineError(f"the result of wheel {wheel} contradicts itself: {error}") from error
@@ -165,17 +193,17 @@ def read_axle(axle: str, result: Mapping[str, Value], uncertainty: Mapping[str, 
         return AxleAnswer(
             axle=axle,
             outcome=Outcome(str(result["Outcome"])),
-            total_toe_deg=_number(result["TotalToe"]),
-            camber_difference_deg=_number(result["CamberDifference"]),
-            total_toe_u95_deg=_number(uncertainty["TotalToeU95"]),
-            camber_difference_u95_deg=_number(uncertainty["CamberDifferenceU95"]),
+            total_toe_deg=read_number(result["TotalToe"]),
+            camber_difference_deg=read_number(result["CamberDifference"]),
+            total_toe_u95_deg=read_number(uncertainty["TotalToeU95"]),
+            camber_difference_u95_deg=read_number(uncertainty["CamberDifferenceU95"]),
         )
     except ValueError as error:
         raise LineError(f"the result of the {axle} axle contradicts itself: {error}") from error
 
 
-def read_vehicle(result: Mapping[str, Value]) -> VehicleReport:
-    """Verdict and thrust angle from the decoded message.
+def read_vehicle(result: Mapping[str, Value], geometry: GeometryAnswer = NO_GEOMETRY) -> VehicleReport:
+    """Verdict and thrust angle from the decoded message, beside the geometry.
 
     Raises
     ------
@@ -185,12 +213,23 @@ def read_vehicle(result: Mapping[str, Value]) -> VehicleReport:
     try:
         return VehicleReport(
             outcome=Outcome(str(result["Outcome"])),
-            thrust_angle_deg=_number(result["ThrustAngle"]),
-            thrust_angle_u95_deg=_number(result["ThrustAngleU95"]),
+            thrust_angle_deg=read_number(result["ThrustAngle"]),
+            thrust_angle_u95_deg=read_number(result["ThrustAngleU95"]),
             thrust_sign=cast("ThrustSign", str(result["ThrustSign"])),
+            geometry=geometry,
         )
     except ValueError as error:
         raise LineError(f"the result of the vehicle contradicts itself: {error}") from error
+
+
+def read_age(wheel: str, values: Mapping[str, Value]) -> LiveAge:
+    """Age of live angles from its decoded message; raises like `read_live`."""
+    try:
+        age_ms = read_number(values["Age"])
+        kind = AxisKind(str(values["Kind"]))
+        return LiveAge(wheel, int(values["Shot"]), None if age_ms is None else age_ms / 1000.0, kind)
+    except ValueError as error:
+        raise LineError(f"the age of the live angles of wheel {wheel} is not understood: {error}") from error
 
 
 def read_live(wheel: str, values: Mapping[str, Value]) -> LiveAngles:
@@ -206,46 +245,26 @@ def read_live(wheel: str, values: Mapping[str, Value]) -> LiveAngles:
             wheel,
             LiveState(str(values["State"])),
             int(values["Shot"]),
-            _number(values["Camber"]),
-            _number(values["Toe"]),
+            read_number(values["Camber"]),
+            read_number(values["Toe"]),
         )
     except ValueError as error:
         raise LineError(f"the live angles of wheel {wheel} are not understood: {error}") from error
 
 
-def _angle(database: LineDatabase, message: str, signal: str, value: float | None) -> Value:
-    if value is None:
+def _circled(database: LineDatabase, message: str, signal: str, degrees: float | None) -> Value:
+    """A place on a circle: what would be rounded to a full turn is 0."""
+    if degrees is None:
         return INVALID
-    lowest, highest = database.range_of(message, signal)
-    # The reserved raw value lies outside the range, so that no angle can be taken for it.
-    if not lowest <= value <= highest:
-        raise InputError(
-            file=database.file,
-            field=f"{message}.{signal}",
-            expected=f"{lowest:g} to {highest:g} degrees",
-            seen=str(value),
-        )
-    return value
-
-
-def _rounded_up(database: LineDatabase, message: str, signal: str, value: float | None) -> Value:
-    """An uncertainty never looks smaller on the bus than it is, and never 0 unless it is 0."""
-    checked = _angle(database, message, signal, value)
-    if isinstance(checked, str):
-        return checked
     step = database.step(message, signal)
-    return math.ceil(checked / step - 1e-9) * step
-
-
-def _number(value: Value) -> float | None:
-    return None if value == INVALID else float(value)
+    return round(degrees / step) * step % 360.0
 
 
 def _same_sequence(what: str, result: Mapping[str, Value], uncertainty: Mapping[str, Value]) -> None:
     if result["Sequence"] != uncertainty["Sequence"]:
         raise LineError(
             f"the result of {what} has sequence {result['Sequence']}, "
-            f"its uncertainty has {uncertainty['Sequence']}"
+            f"what belongs to it has {uncertainty['Sequence']}"
         )
 
 
@@ -287,6 +306,7 @@ def result_frames(
         )
     for name in database.axles:
         frames += axle_frames(database, sequence, axles.get(name) or AxleAnswer(name, Outcome.NOT_REQUESTED))
+    frames += geometry_frames(database, sequence, vehicle.geometry)
     frames.append(vehicle_frame(database, sequence, overall, vehicle))
     return overall, frames
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -28,7 +29,12 @@ def vin_frame(database: LineDatabase, name: str, sequence: int, vin: str = VIN) 
 
 
 def command_frame(
-    database: LineDatabase, code: str, sequence: int, wheels: int = 0b1111, mode: str = "automatic"
+    database: LineDatabase,
+    code: str,
+    sequence: int,
+    wheels: int = 0b1111,
+    mode: str = "automatic",
+    interface: int = 3,
 ) -> can.Message:
     bits = {f"Wheel{ending}": wheels >> k & 1 for k, ending in enumerate(database.wheels.values())}
     values: dict[str, Value] = {
@@ -37,6 +43,7 @@ def command_frame(
         "Mode": mode,
         "VehicleType": 7,
         "Heartbeat": sequence,
+        "InterfaceMajor": interface,
     }
     return database.encode("Command", {**values, **bits})
 
@@ -111,8 +118,10 @@ class Bench:
         for name in messages:
             self.receive(vin_frame(self.database, name, sequence, vin))
 
-    def command(self, code: str, sequence: int, wheels: int = 0b1111, mode: str = "automatic") -> None:
-        self.receive(command_frame(self.database, code, sequence, wheels, mode))
+    def command(
+        self, code: str, sequence: int, wheels: int = 0b1111, mode: str = "automatic", interface: int = 3
+    ) -> None:
+        self.receive(command_frame(self.database, code, sequence, wheels, mode, interface))
 
     def start(self, sequence: int, wheels: int = 0b1111, mode: str = "automatic") -> None:
         self.vin(sequence)
@@ -140,3 +149,21 @@ class Bench:
 
     def idle(self) -> None:
         self.line.publish(StationStatus(StationState.IDLE))
+
+
+def dbc_of_interface_2() -> str:
+    """The shipped DBC without what interface 3 brought."""
+    text = today = DBC.read_text(encoding="cp1252")
+    for name in re.findall(
+        r"^BO_ \d+ ((?:Geometry|WheelAxis|LiveAge|VehicleReference)\w*):", today, re.MULTILINE
+    ):
+        number = re.search(rf"^BO_ (\d+) {name}:", text, re.MULTILINE)
+        assert number is not None
+        pattern = rf"^BO_ {number[1]} (?:.*\n(?: SG_.*\n)*)|^(?:CM_|BA_|VAL_)[^\n]* {number[1]} [^\n]*\n"
+        text = re.sub(pattern, "", text, flags=re.MULTILINE)
+    text = re.sub(r"^.*\b272 InterfaceMajor.*\n|^ SG_ InterfaceMajor : 60.*\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r' (?:4|5|6|7) "(?:sweep|guidance|steering|locate|step)"', "", text)
+    text = re.sub(
+        r' \d+ "(?:wrong_interface|nothing_to_step|\w+(?<=sweep|uidan|teeri|locat)\w*_fault)"', "", text
+    )
+    return text.replace('BA_ "InterfaceMajor" 3;', 'BA_ "InterfaceMajor" 2;')

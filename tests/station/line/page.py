@@ -39,6 +39,7 @@ class Message:
     name: str
     identifier: int
     data_id: int
+    largest_step: int
     sender: str
     signals: dict[str, Signal]
 
@@ -63,16 +64,22 @@ def _signal(cells: list[str], error_codes: dict[int, str]) -> Signal:
 
 def messages() -> dict[str, Message]:
     """Every message of the page."""
-    data_ids = {name: int(data_id, 16) for name, data_id, _ in rows("message | data id")}
+    protection = {name: (int(data_id, 16), int(step)) for name, data_id, step in rows("message | data id")}
     senders = {name: sender for _, name, sender, *_ in rows("identifier | message | from")}
     codes = {int(number): word.strip("`") for number, word, *_ in rows("number | code | part")}
     found = {}
     for title, section in re.findall(r"^### (.*)\n((?:.*\n)*?)(?=^#|\Z)", TEXT, re.MULTILINE):
-        lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in section.splitlines() if line.startswith("|")]
+        table = section[section.find("| signal |") :].splitlines()
+        lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table if line.startswith("|")]
         signals = {c[0].strip(): _signal([x.strip() for x in c], codes) for c in lines[2:]}
         for name, identifier in re.findall(r"(\w+) \(0x([0-9A-F]+)\)", title):
-            found[name] = Message(name, int(identifier, 16), data_ids[name], senders[name], signals)
+            found[name] = Message(name, int(identifier, 16), *protection[name], senders[name], signals)
     return found
+
+
+def interface_of_the_page() -> int:
+    [stated] = re.findall(r"`InterfaceMajor` in it is (\d+), always", TEXT)
+    return int(stated)
 
 
 class Receiver(ctypes.Structure):
@@ -113,10 +120,10 @@ class PageCode:
         self._code.e2e_protect(frame, ctypes.c_uint16(data_id), ctypes.byref(count))
         return bytes(frame), count.value
 
-    def counts(self, receiver: Receiver, data: bytes | bytearray, data_id: int) -> bool:
-        return bool(
-            self._code.e2e_counts(ctypes.byref(receiver), self._bytes(data), ctypes.c_uint16(data_id))
-        )
+    def counts(self, receiver: Receiver, data: bytes | bytearray, message: Message) -> bool:
+        frame, data_id = self._bytes(data), ctypes.c_uint16(message.data_id)
+        step = ctypes.c_int(message.largest_step)
+        return bool(self._code.e2e_counts(ctypes.byref(receiver), frame, data_id, step))
 
     def get(self, data: bytes | bytearray, signal: Signal) -> int:
         return int(self._code.get_signal(self._bytes(data), signal.start, signal.length, signal.is_signed))
@@ -182,6 +189,7 @@ class PagePlc:
         self.by_identifier = {m.identifier: m for m in self.messages.values() if m.sender == "STATION"}
         self.waiting: list[str] = []
         self.vehicle_type = vehicle_type
+        self.interface = interface_of_the_page()
         self._counters = dict.fromkeys(self.messages, 0)
         self._last: dict[str, dict[str, Any]] = {}
         self._heard_s: float | None = None
@@ -227,7 +235,7 @@ class PagePlc:
         message = self.by_identifier.get(identifier)
         if message is None or len(data) != 8:
             return
-        if not self.code.counts(self._receivers[message.name], data, message.data_id):
+        if not self.code.counts(self._receivers[message.name], data, message):
             return
         self._last[message.name] = self.code.decoded(message, data)
         if message.name == "Status":
@@ -274,6 +282,7 @@ class PagePlc:
                 self._send(name, {"SequenceLow": number % 16 if starts else 0, **values})
         wheels = {n: int(starts) for n in self.messages["Command"].signals if n.startswith("Wheel")}
         command = {"Code": code, "Sequence": number, "VehicleType": self.vehicle_type, "Mode": "automatic"}
+        command["InterfaceMajor"] = self.interface
         self._send("Command", {**command, **wheels, "Heartbeat": self._heartbeat})
         self._heartbeat = (self._heartbeat + 1) % 256
         self._sent_s = self.now
@@ -285,7 +294,9 @@ class PagePlc:
         self.send(message.identifier, frame)
 
     def _result_names(self) -> list[str]:
-        return [name for name in self.messages if "Result" in name or "Uncertainty" in name]
+        return re.findall(
+            r"`(\w+)`", TEXT.split("The result messages, in the order of sending:")[1].split("\n")[0]
+        )
 
     def _forget(self) -> None:
         for name in self._result_names():

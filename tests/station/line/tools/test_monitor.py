@@ -25,7 +25,7 @@ def test_readable_line_of_a_good_frame(database: LineDatabase) -> None:
     assert str(decode_frame(frame, database)) == (
         "1.500000  110  Command  E2eCrc=0 E2eCounter=0 Code=start Sequence=4 "
         "WheelFrontLeft=1 WheelFrontRight=0 WheelRearLeft=0 "
-        "WheelRearRight=0 VehicleType=7 Heartbeat=4 Mode=automatic"
+        "WheelRearRight=0 VehicleType=7 Heartbeat=4 Mode=automatic InterfaceMajor=3"
     )
 
 

@@ -282,6 +282,18 @@ def test_number_after_a_restart_is_neither_the_last_start_s_nor_the_last_answer_
     assert world.kept.results[-1] == (VINS[1], 3, "ok")
 
 
+def test_controller_of_interface_2_is_told_why_no_vehicle_is_measured(world: World) -> None:
+    """Its bits of the interface are 0. It got results of which it read only those that it knew."""
+    assert world.plc is not None
+    assert world.plc.interface == 3
+    world.plc.interface = 0
+    world.plc.waiting += VINS[:2]
+    world.run(5.0)
+    assert [why for _, _, why in world.kept.not_measured] == ["wrong_interface"] * 2
+    assert world.kept.results == []
+    assert world.triggers == []
+
+
 def test_start_that_the_station_does_not_hear(world: World) -> None:
     assert world.plc is not None
     world.run(1.0)
@@ -465,7 +477,7 @@ def test_drawn_cycle_is_what_goes_over_the_bus(world: World) -> None:
     assert world.plc is not None
     drawing = next(text for text in snippets(PAGE, "mermaid") if text.startswith("sequenceDiagram"))
     arrows = re.findall(r"^ +(\S->>\S): (.*)$", drawing, re.MULTILINE)
-    assert len(arrows) == 14
+    assert len(arrows) == 15
     world.run(1.0)
     world.plc.waiting.append(VIN)
     world.run(2.0)

@@ -114,7 +114,7 @@ def test_signal_missing_or_too_small(tmp_path: Path, pattern: str, replacement: 
         (r'^(BA_ "GenMsgTimeoutTime" BO_ 272) 500;', r'\1 "x";', "attribute GenMsgTimeoutTime", '"x"'),
         (r'^(BA_ "E2EDataId" BO_ 272) \d+;', r'\1 "x";', "attribute E2EDataId", '"x"'),
         (r'^BA_ "E2EMaxDeltaCounter" BO_ 272 3;', 'BA_ "E2EMaxDeltaCounter" BO_ 272 15;', "MaxDelta", "15"),
-        (r'^BA_ "InterfaceMajor" 2;', 'BA_ "InterfaceMajor" "two";', "attribute InterfaceMajor", '"two"'),
+        (r'^BA_ "InterfaceMajor" 3;', 'BA_ "InterfaceMajor" "two";', "attribute InterfaceMajor", '"two"'),
         (r'^(BA_DEF_DEF_ "E2EDataId") 0;', r'\1 "x";', "attribute E2EDataId", '"x"'),
         (r'^(BA_DEF_ BO_ "E2EDataId" INT) 0 65535;', r'\1 "x" 9;', "attribute E2EDataId", '"x" 9'),
         (r"^(BO_ 288 Status): 8 ", r"\1: 2000000000 ", "Status", "2000000000"),
@@ -271,7 +271,8 @@ def test_a_further_axle_is_only_a_matter_of_the_dbc(tmp_path: Path) -> None:
         " SG_ VehicleType :",
         ' SG_ WheelTrailingLeft : 28|1@1+ (1,0) [0|1] "" STATION\n SG_ VehicleType :',
     ).replace('4 "rear_right"', '4 "rear_right" 5 "trailing_left"')
-    for stem, number in (("WheelUncertainty", 1000), ("WheelResult", 1001), ("LiveAngles", 1002)):
+    stems = ("WheelUncertainty", "WheelAxis", "WheelResult", "LiveAngles", "LiveAge")
+    for number, stem in enumerate(stems, 1000):
         source = re.search(rf"^BO_ (\d+) {stem}FrontLeft(: 8 STATION\n(?: SG_.*\n)+)", TEXT, re.MULTILINE)
         assert source is not None
         words = re.findall(rf"^VAL_ {source[1]} (.*\n)", TEXT, re.MULTILINE)
@@ -310,7 +311,7 @@ def test_delivered_dbc_explains_everything(database: LineDatabase) -> None:
     assert database.timeout_s("Command") == database.timeout_s("Status") == 0.5
     assert database.timeout_s("VehicleResult") is None
     assert database.messages_from("PLC") == ("Vin1", "Vin2", "Vin3", "Command")
-    assert database.interface_version == (2, 1)
+    assert database.interface_version == (3, 0)
     assert set(database.protected) == set(MESSAGES)
     assert len({e2e.data_id for e2e in database.protected.values()}) == len(MESSAGES)
 

@@ -171,7 +171,7 @@ def test_preparation_that_the_cycle_declines(bench: Bench) -> None:
 def test_mode_that_no_value_table_has(bench: Bench) -> None:
     bench.vin(1)
     frame = command_frame(bench.database, "start", 1)
-    frame.data[7] = 0x0F
+    frame.data[7] |= 0x0F
     bench.receive(frame)
     assert bench.answer.error_code is ErrorCode.MODE_NOT_AVAILABLE
     assert bench.commands() == []

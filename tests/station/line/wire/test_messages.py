@@ -92,8 +92,10 @@ def test_wheel_over_the_bus_and_back(
     outcome: Outcome, camber: float, toe: float, camber_u95: float, toe_u95: float, sequence: int
 ) -> None:
     answer = WheelAnswer("rear_left", outcome, camber, toe, camber_u95, toe_u95)
-    uncertainty, result = wheel_frames(DATABASE, sequence, answer)
-    back = read_wheel("rear_left", DATABASE.decode(result), DATABASE.decode(uncertainty))
+    uncertainty, axis, result = wheel_frames(DATABASE, sequence, answer)
+    back = read_wheel(
+        "rear_left", DATABASE.decode(result), DATABASE.decode(uncertainty), DATABASE.decode(axis)
+    )
     assert back.outcome is outcome
     assert back.camber_deg == pytest.approx(camber, abs=0.50001e-4)
     assert back.toe_deg == pytest.approx(toe, abs=0.50001e-4)
@@ -117,14 +119,14 @@ def test_axle_over_the_bus_and_back(
 
 @pytest.mark.parametrize("outcome", [Outcome.FAULT, Outcome.ABORTED, Outcome.NOT_REQUESTED])
 def test_unmeasured_angles_are_the_reserved_raw_value(outcome: Outcome) -> None:
-    uncertainty, result = wheel_frames(DATABASE, 1, WheelAnswer("front_left", outcome))
+    uncertainty, axis, result = wheel_frames(DATABASE, 1, WheelAnswer("front_left", outcome))
     raw = int.from_bytes(result.data, "little")
     assert raw >> 24 & 0xFFFFF == 0x80000
     assert raw >> 44 & 0xFFFFF == 0x80000
     assert int.from_bytes(uncertainty.data[3:8], "little") == 0xFFFFFFFFFF
-    assert read_wheel("front_left", DATABASE.decode(result), DATABASE.decode(uncertainty)) == WheelAnswer(
-        "front_left", outcome
-    )
+    assert read_wheel(
+        "front_left", DATABASE.decode(result), DATABASE.decode(uncertainty), DATABASE.decode(axis)
+    ) == WheelAnswer("front_left", outcome)
 
 
 def test_vehicle_over_the_bus_and_back() -> None:
@@ -143,15 +145,15 @@ def test_uncertainty_beyond_its_signal_is_refused_not_cut(value: float) -> None:
 
 
 def test_frames_that_contradict_themselves_are_not_believed() -> None:
-    uncertainty, result = (
+    uncertainty, axis, result = (
         DATABASE.decode(frame)
         for frame in wheel_frames(DATABASE, 1, WheelAnswer("front_left", Outcome.OK, 0.0, 0.0, 0.1, 0.1))
     )
     for change in ({"Camber": "invalid"}, {"Outcome": "none"}, {"Outcome": 9}, {"Outcome": "fault"}):
         with pytest.raises(LineError, match="contradicts itself"):
-            read_wheel("front_left", {**result, **change}, uncertainty)
+            read_wheel("front_left", {**result, **change}, uncertainty, axis)
     with pytest.raises(LineError, match="sequence 2"):
-        read_wheel("front_left", {**result, "Sequence": 2}, uncertainty)
+        read_wheel("front_left", {**result, "Sequence": 2}, uncertainty, axis)
 
 
 def test_axle_vehicle_and_status_that_contradict_themselves() -> None:

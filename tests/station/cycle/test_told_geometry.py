@@ -1,0 +1,125 @@
+"""What the line is told of a vehicle's geometry, and of what a wheel's angles are those of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from alignment.values import Refusal, RefusalCode
+from station.cycle.answers import Standing, answers_of
+from station.cycle.geometry_answer import geometry_answer
+from station.cycle.geometry_words import GEOMETRY, NO_GEOMETRY, GeometryAnswer, QuantityState
+from station.cycle.words import AxisKind, LiveState, Mode, Outcome, StationState, Stop
+from tests.station.bench import Bench
+from tests.station.cycle.test_vehicle_frame import bench_of, seen
+
+
+def told(bench: Bench) -> GeometryAnswer:
+    """Geometry of the last vehicle, as the line was told it."""
+    answer: GeometryAnswer = bench.line.sent[-1][3].geometry
+    return answer
+
+
+def states(geometry: GeometryAnswer) -> dict[str, QuantityState]:
+    return {quantity.name: quantity.state for quantity in geometry.quantities}
+
+
+@pytest.mark.parametrize("reference", ["vehicle", "stand"])
+def test_lengths_go_to_the_line_with_their_limits_verdict(reference: str) -> None:
+    with bench_of(reference, 0.1) as bench:  # type: ignore[arg-type]
+        bench.found = dict(seen(0.1, {"front_left": (5.0, 0.0), "rear_left": (-1.0, 0.0)}))
+        bench.trigger()
+    found = told(bench)
+    assert (found.reference, found.between) == (reference, "sidewalls")
+    assert set(states(found)) == set(GEOMETRY)
+    assert found.of("wheelbase_difference").state is QuantityState.NOK
+    assert found.of("wheelbase_difference").value == pytest.approx(6.0, abs=0.05)
+    assert found.of("track_front").state is QuantityState.OK
+    assert found.of("wheelbase_left").state is QuantityState.UNJUDGED
+    assert found.of("wheelbase_left").value == pytest.approx(2706.0, abs=0.05)
+    assert found.of("yaw").value == pytest.approx(0.1, abs=0.02)
+    u95 = found.of("track_front").u95
+    assert u95 is not None
+    assert 0.0 < u95 < 0.1
+
+
+def test_rigs_in_no_common_frame_tell_no_lengths_and_angles_against_the_stand() -> None:
+    with bench_of(None) as bench:
+        bench.trigger()
+    assert told(bench) == GeometryAnswer("stand")
+
+
+def test_vehicle_with_a_refused_wheel_has_lengths_that_were_not_measured() -> None:
+    with bench_of("vehicle", 0.1) as bench:
+        bench.found["rear_left"] = Refusal(RefusalCode.HEAD_DARK, "dark")
+        bench.trigger()
+    assert set(states(told(bench)).values()) == {QuantityState.NOT_MEASURED}
+    assert told(bench).between is None
+
+
+def test_one_axle_alone_says_what_its_toes_refer_to() -> None:
+    with bench_of("stand") as bench:
+        bench.trigger(wheels=("front_left", "front_right"))
+    assert told(bench) == GeometryAnswer("stand")
+    assert bench.line.sent[-1][3].outcome is Outcome.NOT_REQUESTED
+
+
+@pytest.mark.parametrize("standing", [Standing.ABORTED, Standing.NOT_COMMITTED])
+def test_lengths_of_a_record_that_does_not_count_are_not_told(standing: Standing) -> None:
+    with bench_of("vehicle") as bench:
+        report = bench.trigger()
+    assert report is not None
+    answers = answers_of(report.record, standing, report.evaluation)
+    assert answers.vehicle is not None
+    assert set(states(answers.vehicle.geometry).values()) == {QuantityState.NOT_MEASURED}
+    assert {wheel.kind for wheel in answers.wheels} == {AxisKind.NONE}
+
+
+def test_nothing_that_was_measured_refers_to_nothing() -> None:
+    with bench_of("vehicle") as bench:
+        bench.found = dict.fromkeys(bench.found, Refusal(RefusalCode.HEAD_DARK, "dark"))
+        report = bench.trigger()
+    assert report is not None
+    assert geometry_answer(report.evaluation) == NO_GEOMETRY
+
+
+def test_length_that_rests_on_no_valid_calibration_is_not_measured() -> None:
+    with bench_of("stand") as bench:
+        report = bench.trigger()
+    assert report is not None
+    vehicle = report.evaluation.vehicle
+    assert vehicle is not None
+    lengths = tuple(replace(length, calibration_valid=False) for length in vehicle.lengths)
+    found = geometry_answer(replace(report.evaluation, vehicle=replace(vehicle, lengths=lengths)))
+    assert found.of("track_front").state is QuantityState.NOT_MEASURED
+    assert found.of("track_rear").state is QuantityState.UNJUDGED
+
+
+@pytest.mark.parametrize(
+    ("method", "kind"),
+    [
+        ("tyre_plane/revolution", AxisKind.TYRE_PLANE),
+        ("spin_axis", AxisKind.SPIN_AXIS),
+        ("x/degraded", AxisKind.NONE),
+        (None, AxisKind.NONE),
+    ],
+)
+def test_kind_of_a_wheel_is_that_of_its_method(method: str | None, kind: AxisKind) -> None:
+    """Records of old methods have none, and are told as such after a restart."""
+    with bench_of("stand") as bench:
+        report = bench.trigger()
+    assert report is not None
+    wheels = tuple(replace(wheel, method=method) for wheel in report.record.wheels)
+    answers = answers_of(replace(report.record, wheels=wheels), Standing.COMMITTED)
+    assert {wheel.kind for wheel in answers.wheels} == {kind}
+    assert answers.vehicle is not None
+    assert answers.vehicle.geometry == NO_GEOMETRY
+
+
+def test_live_angles_are_those_of_the_tyre_plane() -> None:
+    with bench_of("stand") as bench:
+        bench.line.on_live = lambda: bench.line.at.update({StationState.ADJUSTING: Stop(1)})
+        bench.trigger(mode=Mode.ADJUST)
+    shown = [live for live, _ in bench.line.live]
+    assert {live.kind for live in shown if live.state is LiveState.INSIDE} == {AxisKind.TYRE_PLANE}
