@@ -168,7 +168,9 @@ def _good_cycle(trial: Trial) -> None:
     early = [
         m.name
         for m in result.received
-        if m.values.get("Sequence") == result.sequence and m.time_s < result.busy_s and "Result" in m.name
+        if m.values.get("Sequence") == result.sequence
+        and m.time_s < result.busy_s
+        and m.name in trial.database.result_messages
     ]
     trial.expect(f"no result before busy, found {listed(early)}", not early)
     trial.expect(

@@ -16,6 +16,8 @@ from station.line.tools.logs.reading import read_log
 from station.line.wire import Guard, LineBus, LineDatabase, Value, error_in_words, open_log
 
 _LARGEST_TIME_S = 32_503_680_000.0
+# How the names of result messages begin: those of wheels, axles and the vehicle.
+_RESULTS = ("Wheel", "Axle", "Vehicle", "Geometry")
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,7 @@ def _follow(cycle: CycleTrace, frame: DecodedFrame) -> None:
             cycle.acknowledged_s = frame.time_s
             if cycle.done_s is None:
                 cycle.out_of_order.append("acknowledge came before done")
-    elif frame.name is not None and ("Result" in frame.name or "Uncertainty" in frame.name):
+    elif frame.name is not None and frame.name.startswith(_RESULTS):
         # After done they are repetitions of what is held.
         if cycle.done_s is None:
             cycle.result_times_s.append(frame.time_s)

@@ -176,6 +176,22 @@ def test_trace_of_what_comes_before_its_turn() -> None:
         assert any(problem in text for text in cycle.out_of_order)
 
 
+@pytest.mark.parametrize("name", ["WheelAxisRearLeft", "VehicleReference", "GeometryYaw", "AxleResultRear"])
+def test_any_message_of_the_results_that_comes_before_busy_is_told(name: str) -> None:
+    early = DecodedFrame(1, 0x162, name, {"Sequence": 1})
+    (cycle,) = trace_cycles([command(0, "start", 1), early, status(1, 1, busy=1), status(2, 1, done=1)])
+    assert cycle.out_of_order == [f"{name} came before busy"]
+
+
+def test_messages_of_the_results_are_those_that_a_trace_follows(database: LineDatabase) -> None:
+    """A name that begins otherwise would never count as a result."""
+    start, busy = command(0, "start", 1), status(1, 1, busy=1)
+    for name in database.protected:
+        shown = DecodedFrame(2, 0, name, {"Sequence": 1, "Busy": 1, "ResultValid": 0, "Code": "none"})
+        (cycle,) = trace_cycles([start, busy, shown])
+        assert (cycle.result_times_s == [2]) == (name in database.result_messages), name
+
+
 def test_reused_sequence_after_the_acknowledgement_is_another_cycle() -> None:
     frames = [command(0, "start", 1), command(1, "acknowledge", 1), command(2, "start", 1)]
     assert [cycle.start_s for cycle in trace_cycles(frames)] == [0, 2]

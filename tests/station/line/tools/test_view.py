@@ -39,6 +39,16 @@ def test_counters_and_repetitions_are_shown_to_who_asks() -> None:
     assert "E2eCrc=5 AliveCounter=5 State=idle" in told(ChangeView({}, counting=True), status(0.5))[0]
 
 
+def test_live_angles_that_grow_old_are_one_line(database: LineDatabase) -> None:
+    """An age is another number in every frame: four wheels would fill a screen in a second."""
+    frames = [
+        DecodedFrame(0.1 * k, 0x144, "LiveAgeFrontLeft", {"Kind": "tyre_plane", "Shot": 1, "Age": 100 * k})
+        for k in range(10)
+    ]
+    assert len(told(ChangeView(database.vin_messages), *frames)) == 1
+    assert len(told(ChangeView(database.vin_messages, counting=True), *frames)) == 10
+
+
 def test_an_error_is_told_when_it_begins_and_when_it_is_over() -> None:
     bad = DecodedFrame(1.0, 0x120, "Status", {"State": "idle"}, "end-to-end protection: wrong_crc")
     said = told(ChangeView({}), status(0.0), bad, bad, bad, status(0.0), status(0.0))
