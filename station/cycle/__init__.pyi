@@ -6,7 +6,6 @@ from .geometry_words import NO_GEOMETRY as NO_GEOMETRY
 from .geometry_words import GeometryAnswer as GeometryAnswer
 from .geometry_words import QuantityAnswer as QuantityAnswer
 from .geometry_words import QuantityState as QuantityState
-from .geometry_words import Reference as Reference
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
 from .measuring import MeasuringCycle as MeasuringCycle

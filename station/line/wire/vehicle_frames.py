@@ -9,7 +9,8 @@ import can
 
 from alignment.errors import LineError
 from alignment.vehicle import EndPoints
-from station.cycle import GeometryAnswer, QuantityAnswer, QuantityState, Reference
+from db.records import Reference
+from station.cycle import GeometryAnswer, QuantityAnswer, QuantityState
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.numbers import fitting, read_number, rounded_up
 
