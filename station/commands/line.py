@@ -403,7 +403,7 @@ def _axis_in_words(answer: WheelAnswer) -> str:
     kind = str(answer.kind).replace("_", " ")
     if answer.run_out_mm is None:
         return kind
-    return f"{kind}, run-out {answer.run_out_mm:.2f} mm"
+    return f"{kind}, run-out {answer.run_out_mm:.2f} mm {answer.run_out_state}"
 
 
 def _vehicle_as_json(result: PlcResult) -> dict[str, Any]:

@@ -212,4 +212,5 @@ class Adjusting:
         if judged.values is None or state is None:
             return LiveAngles(result.wheel, LiveState.NOT_MEASURED, shot)
         camber, toe = math.degrees(judged.values.camber), math.degrees(judged.values.toe)
-        return LiveAngles(result.wheel, state, shot, camber, toe, AxisKind.TYRE_PLANE)
+        kind = AxisKind.of_method(None if found is None else found.method)
+        return LiveAngles(result.wheel, state, shot, camber, toe, kind)

@@ -6,6 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import Any
 
 from alignment.units import in_degrees
 from alignment.values import SIDES
@@ -17,10 +18,11 @@ from db.records import (
     WheelKind,
     WheelOutcome,
     WheelRecord,
+    judge_angle,
 )
 from station.cycle.geometry import tyre_u
-from station.cycle.geometry_answer import geometry_answer
-from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer
+from station.cycle.geometry_answer import geometry_answer, told_state
+from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer, QuantityState
 from station.cycle.judging import Evaluation, JudgedWheel, axle_of
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxisKind, AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
@@ -172,19 +174,12 @@ class Answers:
     vehicle: VehicleAnswer | None
 
 
-def answers_of(record: CycleRecord, standing: Standing, evaluation: Evaluation | None = None) -> Answers:
+def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     """Return what the line is told of a cycle, after its end or after a restart of the station.
 
-    Parameters
-    ----------
-    record
-        Of the cycle.
-    standing
-        What became of it.
-    evaluation
-        Gives the vehicle's geometry; None after a restart, when none of it is told.
+    Of a vehicle whose record was not committed, or that was aborted, the geometry is not told either.
     """
-    geometry = NO_GEOMETRY if evaluation is None else geometry_answer(evaluation)
+    geometry = geometry_answer(record)
     if standing is not Standing.COMMITTED:
         geometry = geometry.withdrawn()
     wheels = {wheel.wheel: wheel for wheel in record.wheels}
@@ -218,14 +213,34 @@ def _wheel_answer(wheel: WheelRecord, standing: Standing) -> WheelAnswer:
         toe_u95_deg=_expanded_deg(wheel.toe_u, k),
         quality=Quality.DEGRADED if wheel.degraded else Quality.FULL,
         residual_mm=wheel.residual_rms_mm,
-        kind=_kind(wheel.method),
+        kind=AxisKind.of_method(wheel.method),
+        **_told_run_out(wheel),
     )
 
 
-def _kind(method: str | None) -> AxisKind:
-    """What a method measures: its first word says so."""
-    word = (method or "").partition("/")[0]
-    return AxisKind(word) if word in set(AxisKind) else AxisKind.NONE
+def _told_run_out(wheel: WheelRecord) -> dict[str, Any]:
+    """The run-out of a wheel that was turned, as `WheelAnswer` has it."""
+    if AxisKind.of_method(wheel.method) is not AxisKind.SPIN_AXIS:
+        return {}
+    verdict, _ = judge_angle(
+        wheel.run_out,
+        wheel.run_out_u,
+        None,
+        wheel.run_out_high,
+        guard_band=wheel.guard_band,
+        coverage_factor=wheel.coverage_factor,
+        part=wheel.verdict,
+    )
+    state, k = told_state(verdict), wheel.coverage_factor
+    if not state.measured or wheel.run_out_u is None or k is None:
+        return {"run_out_state": QuantityState.NOT_MEASURED}
+    spot = None if wheel.run_out_phase is None else math.degrees(wheel.run_out_phase) % 360.0
+    return {
+        "run_out_state": state,
+        "run_out_mm": wheel.run_out,
+        "run_out_u95_mm": k * wheel.run_out_u,
+        "high_spot_deg": spot,
+    }
 
 
 def _axle_answer(name: str, axle: AxleRecord | None, standing: Standing) -> AxleAnswer:

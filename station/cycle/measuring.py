@@ -214,7 +214,7 @@ class MeasuringCycle:
         self._enter(StationState.STORING, cycle.trouble)
         self._commit(cycle, record)
         self._enter(StationState.REPORTING, cycle.trouble)
-        self._tell(cycle, record, evaluation)
+        self._tell(cycle, record)
         report = CycleReport(trigger, record, evaluation, cycle.committed_s, cycle.told)
         self._observer.cycle_done(report)
         self._end(cycle, evaluation)
@@ -378,7 +378,7 @@ class MeasuringCycle:
             cycle.trouble = Trouble(ErrorCode.STORE_FAULT)
         self._poll(cycle)
 
-    def _tell(self, cycle: CycleUnderWay, record: CycleRecord, evaluation: Evaluation) -> None:
+    def _tell(self, cycle: CycleUnderWay, record: CycleRecord) -> None:
         """Tell the line what is stored, or that nothing is."""
         committed = cycle.committed_s is not None
         standing = Standing.COMMITTED if committed else Standing.NOT_COMMITTED
@@ -392,7 +392,7 @@ class MeasuringCycle:
         if cycle.forgotten:
             # The line forgot this vehicle; its number may be in use again.
             return
-        answers = answers_of(record, standing, evaluation)
+        answers = answers_of(record, standing)
         try:
             cycle.told = self._line.send_results(
                 cycle.sequence, answers.wheels, answers.axles, answers.vehicle

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
-from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer
+from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer, QuantityState
 
 
 class Outcome(enum.StrEnum):
@@ -92,6 +92,12 @@ class AxisKind(enum.StrEnum):
     NONE = "none"
     TYRE_PLANE = "tyre_plane"
     SPIN_AXIS = "spin_axis"
+
+    @classmethod
+    def of_method(cls, method: str | None) -> AxisKind:
+        """What a method measures: its first word says so."""
+        word = (method or "").partition("/")[0]
+        return cls(word) if word in set(cls) else cls.NONE
 
 
 class LiveState(enum.StrEnum):
@@ -284,11 +290,14 @@ class WheelAnswer:
     ----------
     kind
         What the angles are those of.
+    run_out_state
+        Verdict on the run-out, which is its own; only of a spin axis.
     run_out_mm, run_out_u95_mm
-        Axial run-out of the tyre, peak to peak; only of a spin axis, and None where none is clear.
+        Axial run-out of the tyre, peak to peak; 0 with what may hide where none can be told from noise. None
+        unless the state stands for a value.
     high_spot_deg
         Where the tyre stood out farthest at the last exposure, 0 to 360: from the top of the wheel,
-        counter-clockwise as seen from outboard.
+        counter-clockwise as seen from outboard. None where no run-out was told.
 
     Raises
     ------
@@ -305,6 +314,7 @@ class WheelAnswer:
     quality: Quality = Quality.NONE
     residual_mm: float | None = None
     kind: AxisKind = AxisKind.NONE
+    run_out_state: QuantityState = QuantityState.NONE
     run_out_mm: float | None = None
     run_out_u95_mm: float | None = None
     high_spot_deg: float | None = None
@@ -326,25 +336,30 @@ class WheelAnswer:
         self._require_run_out()
 
     def _require_run_out(self) -> None:
-        run_out = {
-            "run_out_mm": self.run_out_mm,
-            "run_out_u95_mm": self.run_out_u95_mm,
-            "high_spot_deg": self.high_spot_deg,
-        }
-        known = any(value is not None for value in run_out.values())
-        if known and self.kind is not AxisKind.SPIN_AXIS:
+        if self.run_out_state is not QuantityState.NONE and self.kind is not AxisKind.SPIN_AXIS:
             raise InputError(
-                field=f"{self.wheel}.run_out_mm",
+                field=f"{self.wheel}.run_out_state",
                 expected=f"none, because the angles are those of '{self.kind}'",
-                seen=str(self.run_out_mm),
+                seen=self.run_out_state,
             )
-        for name, value in run_out.items():
-            if known and not (value is not None and math.isfinite(value) and value >= 0.0):
-                raise InputError(
-                    field=f"{self.wheel}.{name}",
-                    expected="a finite number of 0 or more beside the others of the run-out",
-                    seen=str(value),
-                )
+        measured = self.run_out_state.measured
+        for name, value in (("run_out_mm", self.run_out_mm), ("run_out_u95_mm", self.run_out_u95_mm)):
+            good = value is not None and math.isfinite(value) and value >= 0.0
+            if good if measured else value is None:
+                continue
+            wanted = "a finite number of 0 or more" if measured else "no value"
+            raise InputError(
+                field=f"{self.wheel}.{name}",
+                expected=f"{wanted}, because the state of the run-out is '{self.run_out_state}'",
+                seen=str(value),
+            )
+        spot = self.high_spot_deg
+        if spot is not None and not (measured and 0.0 <= spot <= 360.0):
+            raise InputError(
+                field=f"{self.wheel}.high_spot_deg",
+                expected="0 to 360 beside a run-out that was measured",
+                seen=str(spot),
+            )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from station.cycle import AxisKind, ErrorCode, LiveState, Mode, QuantityState
+from station.cycle import GEOMETRY_ANGLES, AxisKind, ErrorCode, LiveState, Mode, QuantityState
 from station.line.tools.trial import Trial
 from station.line.wire import UNSTATED_MAJOR, Answer, CommandCode
 
@@ -61,10 +61,10 @@ def geometry_of_the_vehicle(trial: Trial) -> None:
         f"VehicleReference with stand or vehicle where wheels were judged, found {geometry.reference}",
         (geometry.reference is not None) == judged,
     )
-    measured = [q.name for q in geometry.quantities if q.state.measured]
+    measured = [q.name for q in geometry.quantities if q.state.measured and q.name not in GEOMETRY_ANGLES]
     trial.expect(
         f"VehicleReference that says between what lengths were measured, found {geometry.between} beside "
-        f"{', '.join(measured) or 'no quantity'}",
+        f"{', '.join(measured) or 'no length'}",
         (geometry.between is not None) == bool(measured),
     )
     missed = [q.name for q in geometry.quantities if q.state is QuantityState.NOK]

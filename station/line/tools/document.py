@@ -191,14 +191,19 @@ def _examples(database: LineDatabase) -> Iterator[tuple[str, str, int, str]]:
     wheels: dict[str, Value] = {f"Wheel{ending}": 1 for ending in database.wheels.values()}
     result: dict[str, Value] = {"Outcome": "nok", "Sequence": 5, "Camber": -1.2345, "Toe": 0.25}
     axis: dict[str, Value] = {"Kind": "spin_axis", "Sequence": 5}
-    axis |= {"RunOut": 1.234, "HighSpot": 271.5, "RunOutU95": 0.05}
+    axis |= {"RunOut": 1.234, "HighSpot": 271.5, "RunOutU95": 0.06, "RunOutState": "nok"}
     base: dict[str, Value] = {"State": "ok", "Sequence": 5, "Value": 2700.123, "U95": 0.08}
     examples: tuple[tuple[str, int, str, Mapping[str, Value]], ...] = (
         ("Command", 0, f"none, interface {INTERFACE_MAJOR}, all else 0", idle),
         ("Command", 1, "start, number 5, all wheels, type 258, heartbeat 1", {**idle, **start, **wheels}),
         ("Vin1", 14, "number 5, WVWZZZ", {"SequenceLow": 5, **vin}),
         ("WheelResultFrontLeft", 7, "nok, number 5, camber −1.2345°, toe 0.25°", result),
-        ("WheelAxisFrontLeft", 8, "spin axis, number 5, 1.234 ± 0.05 mm of run-out, high spot 271.5°", axis),
+        (
+            "WheelAxisFrontLeft",
+            8,
+            "spin axis, number 5, run-out nok, 1.234 ± 0.06 mm, high spot 271.5°",
+            axis,
+        ),
         ("GeometryWheelbaseLeft", 9, "ok, number 5, 2700.123 ± 0.08 mm", base),
     )
     for name, counter, content, values in examples:

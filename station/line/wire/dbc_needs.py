@@ -132,7 +132,8 @@ PER_WHEEL = {
         "Sequence": _SEQUENCE,
         "RunOut": Need(highest=50.0, step=0.01, words=(INVALID,)),
         "HighSpot": Need(highest=359.0, step=1.0, words=(INVALID,)),
-        "RunOutU95": Need(highest=5.0, step=0.01, words=(INVALID,)),
+        "RunOutU95": Need(highest=5.0, step=0.02, words=(INVALID,)),
+        "RunOutState": Need(words=tuple(QuantityState)),
     },
     "WheelResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "Camber": _ANGLE, "Toe": _ANGLE},
     "LiveAngles": {

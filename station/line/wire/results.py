@@ -18,6 +18,7 @@ from station.cycle import (
     LiveState,
     Outcome,
     Quality,
+    QuantityState,
     VehicleAnswer,
     WheelAnswer,
     overall_outcome,
@@ -57,6 +58,7 @@ def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> 
             {
                 "Kind": str(answer.kind),
                 "Sequence": sequence,
+                "RunOutState": str(answer.run_out_state),
                 "RunOut": fitting(database, axis, "RunOut", answer.run_out_mm),
                 "HighSpot": _circled(database, axis, "HighSpot", answer.high_spot_deg),
                 "RunOutU95": rounded_up(database, axis, "RunOutU95", answer.run_out_u95_mm),
@@ -146,7 +148,7 @@ def blank_frames(database: LineDatabase) -> list[can.Message]:
         "Quality": str(Quality.NONE),
         "Sequence": 0,
         "ThrustSign": "left_positive",
-        **dict.fromkeys(("Kind", "State", "Reference", "Between"), "none"),
+        **dict.fromkeys(("Kind", "State", "RunOutState", "Reference", "Between"), "none"),
     }
     frames = []
     for name in database.result_messages:
@@ -178,6 +180,7 @@ def read_wheel(
             quality=Quality(str(uncertainty["Quality"])),
             residual_mm=read_number(uncertainty["Residual"]),
             kind=AxisKind(str(axis["Kind"])),
+            run_out_state=QuantityState(str(axis["RunOutState"])),
             run_out_mm=read_number(axis["RunOut"]),
             run_out_u95_mm=read_number(axis["RunOutU95"]),
             high_spot_deg=read_number(axis["HighSpot"]),

@@ -261,7 +261,10 @@ def test_axles_and_vehicle_are_judged_only_where_all_their_wheels_were_asked_for
     assert (evaluation.vehicle is not None) is whole
     answers = answers_of(recorded(KIND, evaluation), Standing.COMMITTED)
     assert [axle.axle for axle in answers.axles] == axles
-    assert (answers.vehicle is not None) is whole
+    # Wheels that are no vehicle still say what their toes refer to.
+    assert answers.vehicle is not None
+    assert answers.vehicle.outcome.judged is whole
+    assert answers.vehicle.geometry.reference == "stand"
 
 
 def test_angle_without_limits_is_reported_and_not_requested(database: LineDatabase) -> None:

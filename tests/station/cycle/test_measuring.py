@@ -82,7 +82,8 @@ def test_single_wheel_has_no_axle_and_no_thrust_angle(bench: Bench) -> None:
     assert [wheel.wheel for wheel in record.wheels] == ["front_left"]
     assert record.axles == ()
     assert record.vehicle_angles is None
-    assert bench.line.sent[0][2:] == ((), None)
+    axles, vehicle = bench.line.sent[0][2:]
+    assert (axles, vehicle.outcome, vehicle.geometry.quantities) == ((), Outcome.NOT_REQUESTED, ())
 
 
 def test_refused_wheel_is_a_fault_of_the_station_and_never_nok(bench: Bench) -> None:

@@ -7,12 +7,15 @@ from dataclasses import replace
 import pytest
 
 from alignment.values import Refusal, RefusalCode
+from db.records import Verdict
 from station.cycle.answers import Standing, answers_of
 from station.cycle.geometry_answer import geometry_answer
 from station.cycle.geometry_words import GEOMETRY, NO_GEOMETRY, GeometryAnswer, QuantityState
 from station.cycle.words import AxisKind, LiveState, Mode, Outcome, StationState, Stop
 from tests.station.bench import Bench
 from tests.station.cycle.test_vehicle_frame import bench_of, seen
+
+TOES = ("front_left.toe_to_thrust", "front_right.toe_to_thrust")
 
 
 def told(bench: Bench) -> GeometryAnswer:
@@ -47,7 +50,10 @@ def test_lengths_go_to_the_line_with_their_limits_verdict(reference: str) -> Non
 def test_rigs_in_no_common_frame_tell_no_lengths_and_angles_against_the_stand() -> None:
     with bench_of(None) as bench:
         bench.trigger()
-    assert told(bench) == GeometryAnswer("stand")
+    found = told(bench)
+    assert (found.reference, found.between) == ("stand", None)
+    assert states(found) == dict.fromkeys(TOES, QuantityState.UNJUDGED)
+    assert found.of(TOES[0]).value == pytest.approx(0.0, abs=1e-6)
 
 
 def test_vehicle_with_a_refused_wheel_has_lengths_that_were_not_measured() -> None:
@@ -70,7 +76,7 @@ def test_lengths_of_a_record_that_does_not_count_are_not_told(standing: Standing
     with bench_of("vehicle") as bench:
         report = bench.trigger()
     assert report is not None
-    answers = answers_of(report.record, standing, report.evaluation)
+    answers = answers_of(report.record, standing)
     assert answers.vehicle is not None
     assert set(states(answers.vehicle.geometry).values()) == {QuantityState.NOT_MEASURED}
     assert {wheel.kind for wheel in answers.wheels} == {AxisKind.NONE}
@@ -81,17 +87,16 @@ def test_nothing_that_was_measured_refers_to_nothing() -> None:
         bench.found = dict.fromkeys(bench.found, Refusal(RefusalCode.HEAD_DARK, "dark"))
         report = bench.trigger()
     assert report is not None
-    assert geometry_answer(report.evaluation) == NO_GEOMETRY
+    assert geometry_answer(report.record) == NO_GEOMETRY
 
 
 def test_length_that_rests_on_no_valid_calibration_is_not_measured() -> None:
     with bench_of("stand") as bench:
         report = bench.trigger()
     assert report is not None
-    vehicle = report.evaluation.vehicle
-    assert vehicle is not None
-    lengths = tuple(replace(length, calibration_valid=False) for length in vehicle.lengths)
-    found = geometry_answer(replace(report.evaluation, vehicle=replace(vehicle, lengths=lengths)))
+    geometry = report.record.geometry
+    assert geometry is not None
+    found = geometry_answer(replace(report.record, geometry=replace(geometry, verdict=Verdict.NONE)))
     assert found.of("track_front").state is QuantityState.NOT_MEASURED
     assert found.of("track_rear").state is QuantityState.UNJUDGED
 
@@ -113,8 +118,16 @@ def test_kind_of_a_wheel_is_that_of_its_method(method: str | None, kind: AxisKin
     wheels = tuple(replace(wheel, method=method) for wheel in report.record.wheels)
     answers = answers_of(replace(report.record, wheels=wheels), Standing.COMMITTED)
     assert {wheel.kind for wheel in answers.wheels} == {kind}
-    assert answers.vehicle is not None
-    assert answers.vehicle.geometry == NO_GEOMETRY
+    assert {wheel.run_out_mm for wheel in answers.wheels} == {None}
+
+
+def test_results_that_are_offered_again_hold_the_same_geometry() -> None:
+    """It was told once, from what was in memory, and not after the station's restart."""
+    with bench_of("vehicle", 0.1) as bench:
+        report = bench.trigger()
+    assert report is not None
+    again = answers_of(report.record, Standing.COMMITTED)
+    assert (again.wheels, again.axles, again.vehicle) == bench.line.sent[-1][1:]
 
 
 def test_live_angles_are_those_of_the_tyre_plane() -> None:

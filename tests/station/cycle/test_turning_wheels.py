@@ -19,7 +19,7 @@ from db.records import Severity, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.series import MOST_WAITING, SeriesChoice
-from station.cycle.words import Abort, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
+from station.cycle.words import Abort, AxisKind, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
 from tests.alignment.wheel.test_series import exposures, mean_axis
 from tests.sensors.samples import shot as sample_shot
 from tests.station.bench import AXLE, GATE_S, WHEELS, Bench, FakeRig, assert_set, camera_error, open_bench
@@ -150,6 +150,12 @@ def test_run_out_is_stored_and_has_a_verdict_of_its_own(most_mm: float, severity
         assert event.value == pytest.approx(2.0, abs=0.06)
         assert event.cycle_uuid == report.record.uuid
         assert "high spot at" in event.text
+    for wheel in bench.line.sent[-1][1]:
+        assert (wheel.outcome, wheel.kind) == (Outcome.OK, AxisKind.SPIN_AXIS)
+        assert wheel.run_out_state == ("ok" if severity is Severity.INFO else "nok")
+        assert wheel.run_out_mm == pytest.approx(2.0, abs=0.06)
+        assert 0.0 < wheel.run_out_u95_mm < 0.2
+        assert 0.0 <= wheel.high_spot_deg < 360.0
     # The answer did not wait for it.
     assert bench.log.index("results") > bench.log.index("commit")
 
@@ -351,6 +357,7 @@ def test_adjusting_shows_the_axis_of_single_exposures_and_not_their_planes(bench
     for angles in shown[1:4]:
         assert angles.camber_deg == pytest.approx(math.degrees(last[0]), abs=1.5 / 60.0)
         assert angles.toe_deg == pytest.approx(math.degrees(last[1]), abs=1.5 / 60.0)
+        assert angles.kind is AxisKind.SPIN_AXIS
     assert rig.taken == 16
 
 

@@ -439,3 +439,18 @@ def test_a_station_that_was_just_started_has_the_number_of_no_vehicle() -> None:
 def test_the_same_command_heard_again_later_is_the_same_command() -> None:
     assert replace(START, received_s=2.5) == START
     assert replace(START, sequence=OTHER) != START
+
+
+@pytest.mark.parametrize("request_", list(Request))
+@pytest.mark.parametrize("state", list(State))
+def test_of_a_controller_of_another_interface_nothing_is_taken_in_any_state(
+    state: State, request_: Request
+) -> None:
+    """A start of interface 2 was measured; its acknowledgement would end results that it cannot read."""
+    handshake = handshake_in(state)
+    sequence = handshake.sequence
+    code, number = CODES[request_]
+    asked = replace(START, code=code, sequence=number, trouble=ErrorCode.WRONG_INTERFACE)
+    assert handshake.asked(asked) is None
+    assert (handshake.state, handshake.sequence) == (state, sequence)
+    assert (handshake.reply.answer, handshake.reply.refusal) == (Answer.REFUSED, ErrorCode.WRONG_INTERFACE)
