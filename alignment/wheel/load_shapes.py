@@ -74,8 +74,9 @@ def cosine_power(width_deg: float, spread: float) -> Shape:
     return Shape(_cosine_power, np.array([math.log(math.radians(width_deg))]), np.array([spread]))
 
 
-BULGES = (gaussian(24.0, 0.25), wave(25.0, 0.25))
-"""What the weight does: half widths of 18 to 38°."""
+BULGES = (gaussian(24.0, 0.25), wave(32.0, 0.2), wave(22.0, 0.2))
+"""What the weight does: half widths of 18 to 38°. Waves have two starts, for a fit from one may not reach the
+widths of the other."""
 
 _SIDE_WIDTHS = (36.0, 44.0, 54.0, 66.0)
 SIDE_SHIFTS = tuple(shape(width, 0.1) for width in _SIDE_WIDTHS for shape in (gaussian, cosine_power, wave))

@@ -61,7 +61,7 @@ class SimulatedOptions(StrictModel):
     """Cameras that look at a simulated wheel, a new one for every arming."""
 
     seed: int = Field(ge=0, lt=2**32, description="Of the rig and of all its wheels")
-    rig: Literal["standard", "dense", "central", "upper", "turned", "ccir"] = Field(
+    rig: Literal["standard", "dense", "central", "lifted", "upper", "turned", "ccir"] = Field(
         default="standard", description="Geometry, cameras and light of the rig"
     )
     camber_deg: float = Field(default=0.0, ge=-5, le=5, description="Mean camber of the wheels, degrees")

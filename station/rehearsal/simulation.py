@@ -71,7 +71,7 @@ class PatternOptions(StrictModel):
 class SimulationConfig(StrictModel):
     """What a simulation file holds; every field may be left out."""
 
-    rig: Literal["standard", "dense", "central", "upper", "turned", "ccir"] = Field(
+    rig: Literal["standard", "dense", "central", "lifted", "upper", "turned", "ccir"] = Field(
         default="standard", description="Geometry, cameras and light of the rig"
     )
     tyre: Literal["touring", "sport", "van", "low_profile"] = Field(

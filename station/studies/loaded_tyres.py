@@ -1,9 +1,10 @@
 """Study `loaded-tyres`: wheels that stand on their tyres, and heads that are knocked while they do.
 
-Rendered wheels carry a load, or none, before two rigs: heads at 90, 210 and 330°, and with the lower ones 15°
-higher, as [mounting](../how-to/mount-the-heads.md) advises. Each image is measured with several calibrations
-that err as the covariance of one from the plate says. Wheels with side and longitudinal force are counted
-apart. Then a camera or a head is knocked, in the calibration in place of the images, as study `knocked` does.
+Rendered wheels carry a load, or none, before two rigs: heads at 90, 210 and 330°, as the page on mounting
+heads advises, and with the lower ones 15° higher, where they see less of the load. Each image is measured
+with several calibrations that err as the covariance of one from the plate says. Wheels with side and
+longitudinal force are counted apart. Then a camera or a head is knocked, in the calibration in place of the
+images, as study `knocked` does.
 """
 
 from __future__ import annotations
@@ -188,8 +189,8 @@ def _accuracy(rows: Sequence[Row], name: str) -> dict[str, float]:
 
 def _goals(slack: float) -> tuple[Goal, ...]:
     limits = {
-        "even": (("median", 0.05), ("p95", 0.2), ("p99", 0.35)),
-        "lifted": (("p95", 0.15), ("largest", 0.3)),
+        "even": (("median", 0.05), ("p95", 0.15), ("largest", 0.3)),
+        "lifted": (("median", 0.05), ("p95", 0.2), ("p99", 0.35)),
     }
     goals = []
     for mounting, mine in limits.items():
