@@ -62,26 +62,27 @@ def told_apart(
     settings: MeasureSettings,
 ) -> tuple[LoadedWheel | None, Judgement] | Refusal:
     """Tell a load from heads that moved; a refusal where neither makes the surface a wheel before its rig."""
-    heads, loaded = len(matched), None
+    heads = len(matched)
     sums = HeadSums.of(surface, heads)
-    wrong = _too_few(sums.numbers, matched, rig, settings)
-    if wrong is None:
+    plain: Judgement | Refusal | None = _too_few(sums.numbers, matched, rig, settings)
+    if plain is None:
         if sums.rms > _WORST_RMS:
             return _no_wheel(sums.rms)
         moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
-        judgement, misfits = _judged(lines, matched, surface, moves, sums.rms, rig), moves.misfits()
-        wrong = _moved(misfits, sums.numbers, sums.rms, judgement, rig)
-        if wrong is None and (judgement.evidence or 0.0) <= _DOUBT:
+        judgement = _judged(lines, matched, surface, moves, sums.rms, rig)
+        moved = _moved(moves.misfits(), sums.numbers, sums.rms, judgement, rig)
+        if moved is None and (judgement.evidence or 0.0) <= _DOUBT:
             return None, judgement
+        plain = judgement if moved is None else moved
     # What a load lifts before two heads may leave the third one off a surface that these agree on.
     loaded = _loaded(everything, surface, rig)
-    if loaded is None:
-        return wrong or (None, judgement)
-    sums = HeadSums.of(loaded.surface, heads)
-    if _too_few(sums.numbers, matched, rig, settings) is not None or sums.rms > _WORST_RMS:
-        return wrong or (None, judgement)
+    sums = HeadSums.of(surface if loaded is None else loaded.surface, heads)
+    few = _too_few(sums.numbers, matched, rig, settings) is not None
+    if loaded is None or few or sums.rms > _WORST_RMS:
+        return plain if isinstance(plain, Refusal) else (None, plain)
     judgement = _judged(lines, matched, loaded.surface, loaded.moves, loaded.noise, rig, loaded.lift_mm)
-    return _moved(loaded.misfits(), sums.numbers, loaded.noise, judgement, rig) or (loaded, judgement)
+    moved = _moved(loaded.misfits(), sums.numbers, loaded.noise, judgement, rig)
+    return (loaded, judgement) if moved is None else moved
 
 
 def _no_wheel(rms: float) -> Refusal:

@@ -18,10 +18,12 @@ from alignment.geometry.cameras import PosedCamera
 from alignment.kernels import njit
 from alignment.values import HeadCalibration, RigCalibration
 from alignment.vehicle.angles import camber_toe_jacobian
+from alignment.wheel.reference import CREST_MM, FORM_DEGREE
 
 _GRID = 24  # points per image row and column of the nominal wheel
 _PROFILE_STEP = 2.0  # mm; knots of the profile that the fit leaves free
 _LEAST_POINTS = 20
+_CREST_PLACES = 101  # at which the form of the sidewall around its outermost ring is looked at
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,9 @@ def axis_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = N
     wheel = wheel or NominalWheel()
     _, _, design, solution = _response(calibration, wheel)
     size = len(calibration.parameter_names)
-    ring = int(np.abs(np.hypot(design[:, 0], design[:, 1]) - wheel.ring_mm).argmin())
+    crest = _crest_functional(np.hypot(design[:, 0], design[:, 1]), wheel.ring_mm)
     normal_change = np.vstack([-solution[0], -solution[1], np.zeros(size)])
-    point_change = np.vstack([solution[2:4], design[ring, 4:] @ solution[4:]])
+    point_change = np.vstack([solution[2:4], crest @ design[:, 4:] @ solution[4:]])
     if calibration.vehicle_from_rig_measured:
         # A turn ω of the rig takes its z axis to ω × z.
         normal_change[:, -6:-3] = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -124,6 +126,19 @@ def axis_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = N
     if calibration.vehicle_from_rig_measured:
         of_point[:, -3:] = np.eye(3)
     return np.vstack([of_angles, of_point])
+
+
+def _crest_functional(radius: Array, ring_mm: float) -> Array:
+    """(N,) shares of the profile's heights at the points in the height of the outermost ring.
+
+    That is found on a polynomial through the sidewall around it (`wheel.reference`), each radius counting alike.
+    """
+    x = np.linspace(-1.0, 1.0, _CREST_PLACES)
+    rows = np.vander(x, FORM_DEGREE + 1)
+    at_middle = np.linalg.pinv(rows)[-1]
+    nearest = np.abs(radius - (ring_mm + CREST_MM * x)[:, None]).argmin(axis=1)
+    out: Array = np.bincount(nearest, at_middle, len(radius)).astype(np.float64)
+    return out
 
 
 def predicted_misfits(calibration: RigCalibration, wheel: NominalWheel | None = None) -> Array:

@@ -27,8 +27,8 @@ _SUPPORT = 0.2  # of the weight that intervals have at the median, below which t
 _FEWEST_PLACES = 4  # of a turning wheel
 _PER_STEP = 2  # heights that are looked at from knot to knot
 _BROAD_MM = 15.0  # ribs and grooves that are narrower than half of that do not say where the crest is
-_CREST_MM = 25.0  # to both sides of the highest place, where the form of the sidewall is a polynomial
-_DEGREE = 4
+CREST_MM = 25.0  # to both sides of the highest place, where the form of the sidewall is a polynomial
+FORM_DEGREE = 4
 _AROUND_MM = 8.0  # to both sides of a crest; what is seen of less tells of no ring
 _FEWEST_HEIGHTS = 15  # for that polynomial
 _FLOOR_MM = 0.02  # least scale of what leaves that form
@@ -204,11 +204,11 @@ def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
     step = float(np.median(np.diff(place)))
     broad = median_filter(height, size=2 * round(0.5 * _BROAD_MM / step) + 1, mode="nearest")
     top = float(place[int(broad.argmax())])
-    near = np.abs(place - top) < _CREST_MM
+    near = np.abs(place - top) < CREST_MM
     if near.sum() < _FEWEST_HEIGHTS:
         return None
-    x, z = (place[near] - top) / _CREST_MM, height[near]
-    rows = np.vander(x, _DEGREE + 1)
+    x, z = (place[near] - top) / CREST_MM, height[near]
+    rows = np.vander(x, FORM_DEGREE + 1)
     weight = np.ones(len(x))
     scale = _FLOOR_MM
     left = z
@@ -222,11 +222,11 @@ def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
             scale = max(deviation_of(left), _FLOOR_MM)
             weight = np.maximum(1.0 - np.square(left / (_CUT * scale)), 0.0) ** 2
     fine = np.linspace(max(x[0], -1.0), min(x[-1], 1.0), _PLACES)
-    heights = np.vander(fine, _DEGREE + 1) @ form
+    heights = np.vander(fine, FORM_DEGREE + 1) @ form
     best = int(heights.argmax())
     if not _EDGE_SHARE * _PLACES < best < (1.0 - _EDGE_SHARE) * _PLACES:
         return None
-    at = top + _CREST_MM * float(fine[best])
+    at = top + CREST_MM * float(fine[best])
     if min(at - place[0], place[-1] - at) < _AROUND_MM:
         return None
     return at, float(heights[best]), _FORM * scale
@@ -256,6 +256,6 @@ def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
     # The fit's covariance of the tilts stands as it is; what it says more than the points' is in all.
     out *= scale
     # The middle of a polynomial of the fourth degree has 3.5 times the variance of the mean.
-    half = max(1, round(_CREST_MM / fit.knots_step))
+    half = max(1, round(CREST_MM / fit.knots_step))
     out[4, 4] += 3.5 * scale / weight[max(ring - half, 0) : ring + half + 1].sum()
     return out
