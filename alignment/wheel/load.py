@@ -27,6 +27,7 @@ _ROUNDS = 7
 _KNOWN = 2  # round in which the noise is known, so that what is left over shows whether there is side force
 _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
+_CLEARLY = 1.3  # times what a knock explains; real loads explain 1.6 times as much and more
 _FIRST_GATE = 8.0  # mm; by so much a head may be off a surface that others fit; a ghost is farther
 _FEWEST_CELLS = 20  # of each head
 _UNDETERMINED = 1e-6  # of a head's own movements, below which load and axis leave nothing of one
@@ -65,8 +66,11 @@ class LoadedWheel:
 
     @property
     def lead(self) -> float:
-        """Natural logarithm of how much likelier a load is than intact heads without, or moved ones."""
-        return self.model.gain - max(self.knock_gain, 0.0)
+        """Natural logarithm of how much likelier a load is than intact heads without, or moved ones.
+
+        A free profile follows part of whatever a knock leaves, so that a load must explain clearly more.
+        """
+        return self.model.gain - _CLEARLY * max(self.knock_gain, 0.0)
 
     def misfits(self) -> Array:
         """(H,) part of the residuals that a movement of each head alone explains, with load and axis free to
