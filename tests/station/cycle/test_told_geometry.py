@@ -8,11 +8,13 @@ import pytest
 
 from alignment.values import Refusal, RefusalCode
 from db.records import Verdict
+from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import Standing, answers_of
 from station.cycle.geometry_answer import geometry_answer
 from station.cycle.geometry_words import GEOMETRY, NO_GEOMETRY, GeometryAnswer, QuantityState
 from station.cycle.words import AxisKind, LiveState, Mode, Outcome, StationState, Stop
 from tests.station.bench import Bench
+from tests.station.cycle.test_turning_wheels import SPUN, TURNING, opened
 from tests.station.cycle.test_vehicle_frame import bench_of, seen
 
 TOES = ("front_left.toe_to_thrust", "front_right.toe_to_thrust")
@@ -136,3 +138,23 @@ def test_live_angles_are_those_of_the_tyre_plane() -> None:
         bench.trigger(mode=Mode.ADJUST)
     shown = [live for live, _ in bench.line.live]
     assert {live.kind for live in shown if live.state is LiveState.INSIDE} == {AxisKind.TYRE_PLANE}
+
+
+@pytest.mark.parametrize(("most_mm", "state"), [(2.5, QuantityState.OK), (1.9, QuantityState.NOK)])
+def test_run_out_goes_to_the_line_with_a_verdict_of_its_own(most_mm: float, state: QuantityState) -> None:
+    """No turn of a tie rod changes it: the wheel is good, and the line is told of its tyre."""
+    axle = SPUN | {"run_out_mm": most_mm}
+    axles = {"front": axle, "rear": axle}
+    kind = VehicleType.model_validate(TURNING.model_dump(exclude_none=True) | {"axles": axles})
+    with opened(types={3: kind}) as bench:
+        report = bench.trigger(vehicle_type=3)
+    assert report is not None
+    for wheel in bench.line.sent[-1][1]:
+        assert (wheel.outcome, wheel.kind, wheel.run_out_state) == (Outcome.OK, AxisKind.SPIN_AXIS, state)
+        assert wheel.run_out_mm == pytest.approx(2.0, abs=0.06)
+        assert 0.0 < wheel.run_out_u95_mm < 0.2
+        assert 0.0 <= wheel.high_spot_deg < 360.0
+    lost = tuple(replace(wheel, run_out=None, run_out_u=None) for wheel in report.record.wheels)
+    answers = answers_of(replace(report.record, wheels=lost), Standing.COMMITTED)
+    assert {wheel.run_out_state for wheel in answers.wheels} == {QuantityState.NOT_MEASURED}
+    assert {wheel.high_spot_deg for wheel in answers.wheels} == {None}
