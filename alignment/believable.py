@@ -14,6 +14,8 @@ from alignment.values import Side, nominal_vehicle_from_rig
 
 LARGEST_SHIFT = math.radians(10.0 / 60.0)
 """Largest turn of every later wheel that is believed without a reason, radians."""
+LARGEST_LENGTH_SHIFT_MM = 4.0
+"""Largest error of a length of a master vehicle that is believed: such a turn over half a wheelbase."""
 LARGEST_MOUNTING = math.radians(2.0)
 """Largest angle between a rig's axes and the vehicle's that is believed without a reason, radians."""
 LARGEST_TURN = math.radians(10.0)

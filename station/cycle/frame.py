@@ -29,9 +29,17 @@ class CommonFrame:
     reference: Reference
 
 
-def frame_for(mode: Mode, frame: CommonFrame | None) -> CommonFrame | None:
-    """Return the frame as it counts in a mode: master wheels are certified against the stand, one by one."""
+def frame_for(
+    mode: Mode, frame: CommonFrame | None, kind: VehicleType, wheels: tuple[str, ...]
+) -> CommonFrame | None:
+    """Return the frame as it counts in a mode.
+
+    Master wheels are certified against the stand, one by one. A type with limits of lengths, measured as a
+    whole, is a master vehicle or frame, whose certificate is its own: it may stand askew as any vehicle.
+    """
     if frame is None or mode is not Mode.MASTER_CHECK:
+        return frame
+    if kind.lengths.stated and whole_vehicle(wheels):
         return frame
     return CommonFrame(frame.stand, "stand")
 

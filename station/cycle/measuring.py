@@ -283,7 +283,7 @@ class MeasuringCycle:
         if kind is None:
             return ErrorCode.UNKNOWN_VEHICLE_TYPE
         known = all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels)
-        if known and tells_toe(frame_for(trigger.mode, self._frame), trigger.wheels):
+        if known and tells_toe(frame_for(trigger.mode, self._frame, kind, trigger.wheels), trigger.wheels):
             return None
         return ErrorCode.WHEEL_NOT_AVAILABLE
 
@@ -359,7 +359,7 @@ class MeasuringCycle:
     def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
         """Judge by the limits of the vehicle type, and make the record."""
         assert cycle.kind is not None
-        frame = frame_for(cycle.trigger.mode, self._frame)
+        frame = frame_for(cycle.trigger.mode, self._frame, cycle.kind, cycle.trigger.wheels)
         evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor, frame)
         self._poll(cycle)
         record, cycle.trouble = cycle_record(self._identity, cycle, evaluation)

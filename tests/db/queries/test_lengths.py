@@ -40,7 +40,7 @@ def vehicles(n: int = 24) -> list[CycleRecord]:
         good = 1510.125 <= track <= 1514.875
         turned = wheel(
             "front_left", kind=WheelKind.SPIN_AXIS, run_out=float(rng.uniform(0.1, 1.4)), run_out_u=0.05,
-            run_out_high=1.0, load_mm=0.25,
+            run_out_high=1.0, load_mm=0.25, toe_tyre_u=6e-6,
         )  # fmt: skip
         found.append(
             cycle(

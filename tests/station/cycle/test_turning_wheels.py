@@ -15,7 +15,7 @@ import pytest
 
 from alignment.units import ARCMIN
 from alignment.values import Refusal, RefusalCode, WheelMeasurement
-from db.records import Severity, WheelOutcome
+from db.records import Severity, WheelKind, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.series import MOST_WAITING, SeriesChoice
@@ -150,6 +150,13 @@ def test_run_out_is_stored_and_has_a_verdict_of_its_own(most_mm: float, severity
         assert event.value == pytest.approx(2.0, abs=0.06)
         assert event.cycle_uuid == report.record.uuid
         assert "high spot at" in event.text
+    for stored in report.record.wheels:
+        assert stored.kind is WheelKind.SPIN_AXIS
+        assert stored.run_out == pytest.approx(2.0, abs=0.06)
+        assert stored.run_out_high == pytest.approx(most_mm, rel=1e-6)
+        assert 0.0 < stored.run_out_u < 0.1  # type: ignore[operator]
+        assert stored.run_out_phase is not None
+        assert stored.run_out_phase_u is not None
     # The answer did not wait for it.
     assert bench.log.index("results") > bench.log.index("commit")
 

@@ -24,7 +24,7 @@ from alignment.values import (
 from alignment.vehicle.angles import camber_toe, normal_from_angles
 from alignment.vehicle.geometry import TYRE_WIDTH
 from alignment.vehicle.wheel_axes import Stand
-from db.records import OF_GEOMETRY, CycleOutcome, Verdict, WheelKind
+from db.records import OF_GEOMETRY, CheckOutcome, CycleOutcome, Verdict, WheelKind
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame, Reference
 from station.cycle.judging import evaluate
@@ -342,3 +342,57 @@ def test_wheel_whose_calibration_is_not_valid_spoils_every_toe_of_the_vehicle(as
         assert wheel.toe.status is Status.INVALID
         invalid = wheel.result.wheel == "rear_right"
         assert wheel.camber.status is (Status.INVALID if invalid else Status.OK)
+
+
+NARROW = {"nominal_deg": 0.0, "tolerance_deg": 0.15}
+MASTER_AXLE = {"camber": NARROW, "toe": NARROW}
+
+
+def master_vehicle(tolerance_mm: float = 0.5) -> VehicleType:
+    lengths = {
+        "track_front": {"nominal_mm": 1700.0, "tolerance_mm": tolerance_mm},
+        "wheelbase_left": {"nominal_mm": 2700.0, "tolerance_mm": tolerance_mm},
+        "offset_front": {"nominal_mm": 0.0, "tolerance_mm": 50.0},
+    }
+    axles = {"front": MASTER_AXLE, "rear": MASTER_AXLE}
+    return VehicleType.model_validate(
+        KIND.model_dump(exclude_none=True) | {"lengths": lengths, "axles": axles}
+    )
+
+
+def test_master_vehicle_is_checked_against_its_own_centreline_with_its_lengths() -> None:
+    """A master vehicle that stood askew by 0.1° had 6′ of false toe, and its lengths checked nothing."""
+    with bench_of("vehicle", 0.1, kind=master_vehicle()) as bench:
+        report = bench.trigger(mode=Mode.MASTER_CHECK)
+        assert report is not None
+        assert report.evaluation.reference == "vehicle"
+        assert len(bench.store.checks) == 4
+        for check in bench.store.checks:
+            assert check.outcome is CheckOutcome.WITHIN
+            assert check.reason.endswith("so are the 2 certified lengths of the vehicle")
+            assert check.as_found is not None
+            assert check.as_found["track_front_mm"] == pytest.approx(1700.0)
+            assert check.as_found["wheelbase_left_low_mm"] == 2699.5
+            assert "offset_front_mm" not in check.as_found
+
+
+def test_length_of_a_master_vehicle_that_is_out_speaks_against_all_of_its_rigs() -> None:
+    with bench_of("vehicle", kind=master_vehicle()) as bench:
+        bench.found = dict(seen(0.0, {"front_left": (0.0, 0.8)}))
+        bench.trigger(mode=Mode.MASTER_CHECK)
+        assert [check.outcome for check in bench.store.checks] == 4 * [CheckOutcome.OUT]
+        assert all(
+            "track front 1700.800 mm, certified 1699.5 to 1700.5 mm" in check.reason
+            for check in bench.store.checks
+        )
+
+
+def test_ordinary_limits_of_lengths_are_no_master_s() -> None:
+    with bench_of("vehicle", kind=master_vehicle(10.0)) as bench:
+        bench.found = dict(seen(0.0, {"front_left": (0.0, 8.0)}))
+        bench.trigger(mode=Mode.MASTER_CHECK)
+        assert [check.outcome for check in bench.store.checks] == 4 * [CheckOutcome.WITHIN]
+        assert all("track_front_mm" not in (check.as_found or {}) for check in bench.store.checks)
+        (event,) = [event for event in bench.store.events if event.code == "no_master"]
+        assert "no check of wheelbase left, track front" in event.text
+        assert "wider than ±4 mm" in event.text
