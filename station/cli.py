@@ -43,6 +43,7 @@ from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
+from station.commands.zero_vehicle import measure_vehicle_zeros_command
 from station.configuration import damaged_package, own_config
 
 OWN_PACKAGES = frozenset({"alignment", "sensors", "db", "station"})
@@ -78,6 +79,7 @@ app.add_typer(line_app, name="line", cls=Verbs)
 app.add_typer(config_app, name="config", cls=Verbs)
 app.add_typer(camera_app, name="camera", cls=Verbs)
 app.add_typer(db_app, name="db", cls=Verbs)
+zero_app.command("measure-vehicle")(measure_vehicle_zeros_command)
 app.add_typer(zero_app, name="zero", cls=Verbs)
 
 

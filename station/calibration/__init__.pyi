@@ -15,5 +15,10 @@ from .master import MasterWheel as MasterWheel
 from .refresh import refresh_file as refresh_file
 from .refresh import refreshed_as_json as refreshed_as_json
 from .report import write_calibration_report as write_calibration_report
+from .vehicle_zero import LengthFound as LengthFound
+from .vehicle_zero import lengths_found as lengths_found
+from .vehicle_zero import read_master_vehicle as read_master_vehicle
+from .vehicle_zero import vehicle_zeros as vehicle_zeros
 from .zero import LARGEST_ZERO as LARGEST_ZERO
+from .zero import SeenMaster as SeenMaster
 from .zero import measure_zero as measure_zero

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from uuid import uuid4
 
 import numpy as np
 
+from alignment.arrays import Array
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.errors import ConfigurationError, Deed, DegenerateInputError, Remedy
 from alignment.measure import measure_wheel
 from alignment.measure_spin import measure_spin
 from alignment.prepared import PreparedRig
 from alignment.units import in_arcminutes
-from alignment.values import MeasureSettings, Refusal, RigCalibration
+from alignment.values import MeasureSettings, Refusal, RigCalibration, WheelMeasurement
+from alignment.wheel import SpinMeasurement
 from db.records import ZeroRecord
 from sensors.formats import read_shot
 from station.calibration.master import MasterWheel
@@ -76,11 +80,45 @@ def measure_zero(
     )
     if isinstance(found, Refusal):
         return found
+    seen = SeenMaster(found, len(images), max(shot.time_utc for shot in recorded), rig.angle_covariance)
+    return zero_of(seen, calibration, settings.maximum_angle, master, largest, forced_reason)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenMaster:
+    """A master wheel as it was measured.
+
+    Attributes
+    ----------
+    found
+        Its tyre plane, or its spin axis.
+    shots, measured_utc
+        Of how many shots, and when the last was taken.
+    common
+        (2, 2) covariance of camber and toe that the calibration makes, radians²; None where it is not known.
+    """
+
+    found: WheelMeasurement | SpinMeasurement
+    shots: int
+    measured_utc: datetime
+    common: Array | None
+
+
+def zero_of(
+    seen: SeenMaster,
+    calibration: RigCalibration,
+    maximum_angle: float,
+    master: MasterWheel,
+    largest: float = LARGEST_ZERO,
+    forced_reason: str | None = None,
+) -> ZeroRecord:
+    """Return the zero measurement that a measured master wheel makes; errors as `measure_zero`."""
+    found = seen.found
     off = max(abs(found.camber - master.camber), abs(found.toe - master.toe))
-    if off > settings.maximum_angle:
+    if off > maximum_angle:
         raise DegenerateInputError(
             field="certified angles",
-            expected=f"within {math.degrees(settings.maximum_angle):g}° of the measured camber "
+            expected=f"within {math.degrees(maximum_angle):g}° of the measured camber "
             f"{math.degrees(found.camber):.3f}° and toe {math.degrees(found.toe):.3f}°",
             seen=f"camber {math.degrees(master.camber):.3f}°, toe {math.degrees(master.toe):.3f}°",
         )
@@ -88,17 +126,17 @@ def measure_zero(
     if off > largest and forced_reason is None:
         raise _unbelievable((found.camber, found.toe), master, largest)
     covariance = found.angle_covariance + master.u**2 * np.eye(2)
-    if rig.angle_covariance is not None:
-        covariance = covariance - rig.angle_covariance
+    if seen.common is not None:
+        covariance = covariance - seen.common
     camber_u, toe_u = (float(u) for u in np.sqrt(np.diag(covariance)))
     return ZeroRecord(
         id=f"zero-{calibration.rig}-{uuid4().hex[:12]}",
         rig=calibration.rig,
         calibration_id=calibration.id,
-        measured_utc=max(shot.time_utc for shot in recorded),
+        measured_utc=seen.measured_utc,
         master=master.name,
         method=found.method,
-        shots=len(images),
+        shots=seen.shots,
         camber=float(found.camber),
         toe=float(found.toe),
         certified_camber=master.camber,

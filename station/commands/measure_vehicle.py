@@ -64,8 +64,8 @@ def measure_vehicle_command(
     vehicle = read_vehicle_facts(folder / VEHICLE_FILE)
     if vehicle.road_z_mm is not None:
         options = options.model_copy(update={"road_z_mm": vehicle.road_z_mm})
-    wheels = [_measured(one, settings, as_json) for one in _recorded(folder, vehicle)]
-    geometry = _geometry(folder, vehicle, wheels, options.stand(), settings.coverage_factor)
+    wheels = [measured_wheel(one, settings, as_json) for one in recorded_wheels(folder, vehicle)]
+    geometry = geometry_of_wheels(folder, vehicle, wheels, options.stand(), settings.coverage_factor)
     result = vehicle_as_json(wheels, geometry, settings.coverage_factor)
     if as_json:
         print_json(result)
@@ -94,7 +94,7 @@ class MeasuredWheel:
     axis: WheelAxis | None
 
 
-def _recorded(folder: Path, vehicle: VehicleFile) -> list[RecordedWheel]:
+def recorded_wheels(folder: Path, vehicle: VehicleFile) -> list[RecordedWheel]:
     """Find the rigs of a vehicle, before anything is measured."""
     from alignment.errors import FormatError
     from alignment.vehicle import FOUR_WHEELS
@@ -148,7 +148,8 @@ def _recorded_wheel(folder: Path, wheel: str, rig: str) -> RecordedWheel:
     return RecordedWheel(wheel, calibration, turns or (home,), bool(turns))
 
 
-def _measured(one: RecordedWheel, settings: MeasureSettings, as_json: bool) -> MeasuredWheel:
+def measured_wheel(one: RecordedWheel, settings: MeasureSettings, as_json: bool) -> MeasuredWheel:
+    """Measure one wheel of a folder: its tyre plane, or its spin axis where it was turned."""
     from alignment.measure import measure_wheel
     from alignment.measure_spin import measure_spin
     from alignment.prepared import PreparedRig
@@ -177,7 +178,7 @@ def _measured(one: RecordedWheel, settings: MeasureSettings, as_json: bool) -> M
     return MeasuredWheel(one, found, axis)
 
 
-def _geometry(
+def geometry_of_wheels(
     folder: Path, vehicle: VehicleFile, wheels: list[MeasuredWheel], stand: Stand, coverage_factor: float
 ) -> VehicleGeometry | None:
     """The vehicle in its own frame; None when no axle is left."""

@@ -86,9 +86,9 @@ def measure_command(
         store.record_calibration(CalibrationRecord(file.id, file.rig, file.created_utc, document))
         store.record_zero(found)
     if as_json:
-        print_json({"outcome": "measured", "reason": None, "reason_code": None, **_as_json(found)})
+        print_json({"outcome": "measured", "reason": None, "reason_code": None, **zero_as_json(found)})
     else:
-        typer.echo(f"stored {found.id}: {_line(found)}")
+        typer.echo(f"stored {found.id}: {zero_line(found)}")
 
 
 @zero_app.command("list")
@@ -102,7 +102,7 @@ def list_command(database: DatabaseOption, as_json: JsonFlag = False) -> None:
         print_json({"zero_measurements": [_stored_as_json(zero, in_force) for zero in stored]})
         return
     for zero in stored:
-        typer.echo(f"{zero.record.id}  {_state(zero, in_force):10}  {_line(zero.record)}")
+        typer.echo(f"{zero.record.id}  {_state(zero, in_force):10}  {zero_line(zero.record)}")
     if not stored:
         typer.echo("no zero measurements")
 
@@ -139,7 +139,8 @@ def revoke_command(
         typer.echo(f"revoked {zero_id}")
 
 
-def _as_json(record: ZeroRecord) -> dict[str, Any]:
+def zero_as_json(record: ZeroRecord) -> dict[str, Any]:
+    """Return a zero measurement as ``--json`` prints it, degrees."""
     return {
         "id": record.id,
         "rig": record.rig,
@@ -160,7 +161,7 @@ def _as_json(record: ZeroRecord) -> dict[str, Any]:
 
 def _stored_as_json(zero: StoredZero, in_force: set[str]) -> dict[str, Any]:
     revocation = zero.revocation
-    return _as_json(zero.record) | {
+    return zero_as_json(zero.record) | {
         "stored_utc": zero.stored_utc.isoformat(),
         "in_force": zero.record.id in in_force,
         "revoked_utc": None if revocation is None else revocation.utc.isoformat(),
@@ -174,7 +175,8 @@ def _state(zero: StoredZero, in_force: set[str]) -> str:
     return "in force" if zero.record.id in in_force else "superseded"
 
 
-def _line(record: ZeroRecord) -> str:
+def zero_line(record: ZeroRecord) -> str:
+    """Return a zero measurement on one line, for people."""
     off = [
         60.0 * math.degrees(measured - certified)
         for measured, certified in (
