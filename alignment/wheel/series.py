@@ -8,7 +8,7 @@ them, a turn too short, something that is not slow.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ _FARTHEST_WAY = math.radians(0.15)
 _CLEAR = 3.5  # run-out in its standard uncertainties, above which it is real
 _HIDDEN = 0.5  # of the way, that a run-out may have and stay unseen
 _LEFT = 0.1  # of a hidden run-out, that is left in the mean of a full turn
-_RECENTRED = 3
+_RECENTRED, _FLAT = 3, 1e-3 * ARCMIN
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def fit_series(
     rules: SeriesRules,
     common_covariance: Array | None = None,
     numbers: Sequence[int] | None = None,
-    turned: bool | None = None,
+    turned: Callable[[], bool] | None = None,
 ) -> SpinMeasurement | Refusal:
     """Fit the mean spin axis of a wheel to tyre planes taken while it turned and wandered.
 
@@ -97,8 +97,8 @@ def fit_series(
     numbers
         Of the exposures, as the cameras counted them; None: 1, 2, 3, …
     turned
-        Whether the images show that the wheel turned; None where they were not asked. Needed only where there
-        is no run-out to show it.
+        Tells whether the images show that the wheel turned; asked only where there is no run-out to show it.
+        None where nothing can tell.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def fit_series(
         return wrong
     found = spin_of(scatter, cone, side, onto, measurements)
     if found.run_out is None:
-        return found if turned else _no_turn(turned)
+        return found if turned is not None and turned() else _no_turn(turned is not None)
     assert found.covered_turn is not None
     if found.covered_turn < rules.least_turn:
         return Refusal(
@@ -240,10 +240,11 @@ def _recentred(scatter: Scatter, at: Array) -> tuple[Scatter, WanderingCone]:
     """Fit, and look again from the axis found, from where distances are exact."""
     cone = fit_wandering_cone(scatter.points, scatter.noise, at)
     for _ in range(_RECENTRED):
+        # By so much a plane shortens the arcs of the sphere.
+        if float(np.abs(cone.centre).max()) * cone.radius**2 / 6.0 < _FLAT:
+            break
         scatter = scatter.about(_axis(scatter, cone.centre))
         cone = fit_wandering_cone(scatter.points, scatter.noise, at)
-        if np.abs(cone.centre).max() < 1e-3 * ARCMIN:
-            break
     return scatter.about(_axis(scatter, cone.centre)), cone
 
 
@@ -281,10 +282,10 @@ def _astray(scatter: Scatter, cone: WanderingCone, at: Array, counted: Sequence[
     )
 
 
-def _no_turn(turned: bool | None) -> Refusal:
-    seen = "their images do not differ as those of a turning wheel do"
-    if turned is None:
-        seen = "nothing else tells that it turned"
+def _no_turn(asked: bool) -> Refusal:
+    seen = "nothing else tells that it turned"
+    if asked:
+        seen = "their images do not differ as those of a turning wheel do"
     return Refusal(
         RefusalCode.TURN_TOO_SHORT,
         f"the tyre planes show no run-out, and {seen}: of a wheel that stands still its run-out is not seen, "

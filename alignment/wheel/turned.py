@@ -15,7 +15,8 @@ import numpy as np
 from alignment.arrays import Array, Singles
 from alignment.values import StereoImages
 
-_BLOCK = 8  # pixels of a half along a side; letters are larger
+_EVERY = 4  # pixels along a side, of which each half takes another one
+_BLOCK = 4  # of these along a side; letters are larger
 _SUDDEN = 1.5  # second differences in first ones, squared: 3 of what turned, below 0.5 of what wanders slowly
 _DEVIATIONS = 6.0  # above which what differs is no noise
 _FEWEST = 4
@@ -24,12 +25,13 @@ _FEWEST = 4
 def look_of(images: Sequence[StereoImages]) -> Singles:
     """(2, P) how the left images of all heads look to each half of their pixels, coarsely; of mean 1."""
     halves = []
-    for rows in (0, 1):
+    for rows in (0, _EVERY // 2):
         parts = []
         for pair in images:
-            half = np.ascontiguousarray(pair.left[rows::2, rows::2], dtype=np.float32)
-            size = (max(1, half.shape[1] // _BLOCK), max(1, half.shape[0] // _BLOCK))
-            parts.append(cv2.resize(half, size, interpolation=cv2.INTER_AREA).ravel())
+            half = np.ascontiguousarray(pair.left[rows::_EVERY, rows::_EVERY], dtype=np.float32)
+            # Of the whole image, so that both halves have as many blocks whatever its size.
+            height, width = (max(1, side // (_EVERY * _BLOCK)) for side in pair.left.shape)
+            parts.append(cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA).ravel())
         halves.append(np.concatenate(parts))
     looks = np.array(halves)
     out: Singles = looks / np.maximum(looks.mean(axis=1, keepdims=True), 1e-6)
@@ -45,4 +47,4 @@ def has_turned(looks: Sequence[Singles]) -> bool:
     moved = (first[:, 0] * first[:, 1]).mean(axis=0)
     sudden = (second[:, 0] * second[:, 1]).mean(axis=0)
     clear = float(moved.mean()) > _DEVIATIONS * float(moved.std()) / np.sqrt(moved.size)
-    return clear and float(sudden.mean()) > _SUDDEN * float(moved.mean())
+    return bool(clear) and float(sudden.mean()) > _SUDDEN * float(moved.mean())

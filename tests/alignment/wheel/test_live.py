@@ -78,7 +78,7 @@ def test_a_wheel_that_is_rolled_on_by_hand_shows_nothing_rather_than_a_wrong_axi
 
 def test_a_wheel_without_run_out_is_its_plane() -> None:
     planes, axes = exposures(np.random.default_rng(4), run_out=0.0, wander=0.3 * ARCMIN)
-    found = fit_series(planes, "left", RULES, turned=True)
+    found = fit_series(planes, "left", RULES, turned=lambda: True)
     assert isinstance(found, SpinMeasurement)
     live = LiveSpin(found, planes[-1], RATE, "left")
     shot = plane(axes[0][0] + 0.001, axes[0][1], np.zeros(3))
