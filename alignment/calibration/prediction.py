@@ -131,7 +131,8 @@ def axis_sensitivity(calibration: RigCalibration, wheel: NominalWheel | None = N
 def _crest_functional(radius: Array, ring_mm: float) -> Array:
     """(N,) shares of the profile's heights at the points in the height of the outermost ring.
 
-    That is found on a polynomial through the sidewall around it (`wheel.reference`), each radius counting alike.
+    That is found on a polynomial through the sidewall around it (`wheel.reference`), where each radius counts
+    alike.
     """
     x = np.linspace(-1.0, 1.0, _CREST_PLACES)
     rows = np.vander(x, FORM_DEGREE + 1)

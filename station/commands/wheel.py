@@ -29,7 +29,7 @@ def measure(
     shots: Annotated[
         list[Path],
         typer.Argument(
-            metavar="SHOT...",
+            metavar="SHOT",
             help="Folder of a recorded shot; with --spin at least eight of one wheel.",
             show_default=False,
         ),

@@ -20,6 +20,7 @@ from alignment.arrays import Array
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration, WheelMeasurement
+from db.exports import in_style, legend_outside
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
 from station.studies.knocked import KNOCK_KINDS, SHIFT_MM, TURN_ARCMIN, KnockKind, knocked
@@ -289,6 +290,7 @@ def _line(name: str, figures: dict[str, float], measurements: int) -> str:
     )
 
 
+@in_style
 def _plot(rows: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(8, 4), layout="constrained")
     axes = figure.subplots()
@@ -306,8 +308,8 @@ def _plot(rows: Sequence[Row]) -> Figure:
             label=mounting,
         )
     axes.set_xlabel("bulge over the contact patch, mm")
-    axes.set_ylabel("error of camber, arcmin")
-    axes.legend()
+    axes.set_ylabel("error of camber, ′")
+    legend_outside(figure)
     return figure
 
 

@@ -23,6 +23,7 @@ from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, Refusal, RigCalibration, StereoImages, WheelMeasurement
 from alignment.wheel import SeriesRules
+from db.exports import in_style, legend_outside
 from sensors.formats import TyreLoad, WheelTruth
 from sensors.simulation import (
     SHAPES,
@@ -230,6 +231,7 @@ def _row(number: int, wheel: SpunWheel) -> Row:
     }
 
 
+@in_style
 def _plot(wheels: Sequence[SpunWheel], times: TurningTimes) -> Figure:
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -238,12 +240,10 @@ def _plot(wheels: Sequence[SpunWheel], times: TurningTimes) -> Figure:
         left.plot([load for load, _ in known], [error for _, error in known], "o", label=name)
     left.set_xlabel("load, mm")
     left.set_ylabel("error of the mean spin axis, ′")
-    left.legend()
     right.plot(times.rss_mb)
     right.set_xlabel("cycle")
     right.set_ylabel("memory, MB")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
+    legend_outside(figure, [left])
     return figure
 
 

@@ -29,6 +29,7 @@ from alignment.vehicle import (
     vehicle_angles,
     vehicle_geometry,
 )
+from db.exports import in_style, legend_outside
 from sensors.simulation import RIG_SPECS, WheelPose, WheelScene, draw_scene
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import HIGHEST, LOWEST, drawn
@@ -281,13 +282,14 @@ their covariance, tyres all {WIDTH_MM:g} mm wide.
 """
 
 
+@in_style
 def _plot(even: _Found, odd: _Found) -> Figure:
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for found, label in ((even, "equal tyres"), (odd, "widths ±1 mm")):
         left.hist(np.concatenate([found.errors[name] for name in _TOES]), bins=40, alpha=0.6, label=label)
-    left.set_xlabel("error of individual toe, arcmin")
-    left.legend()
+    left.set_xlabel("error of individual toe, ′")
+    legend_outside(figure)
     right.hist(np.concatenate([even.errors[name] for name in _LENGTHS]), bins=40)
     right.set_xlabel("error of wheelbase and track, equal tyres, mm")
     return figure

@@ -92,9 +92,9 @@ def live_ages(trial: Trial) -> None:
     ages = view.live_ages
     trial.plc.abort(sequence)
     trial.end(sequence)
-    trial.expect(f"LiveAge with the number of its LiveAngles, found {ages}", came)
+    trial.expect(f"LiveAge with the number of its LiveAngles, found those of {len(ages)} wheels", came)
     known = [age.age_s for age in ages.values() if age.age_s is not None]
     trial.expect(
-        f"ages of 0 to {_LONGEST_AGE_S:g} s, found {known}",
+        f"ages of 0 to {_LONGEST_AGE_S:g} s, found {', '.join(f'{age:g} s' for age in known) or 'none'}",
         bool(known) and all(0.0 <= age <= _LONGEST_AGE_S for age in known),
     )

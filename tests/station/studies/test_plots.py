@@ -86,7 +86,7 @@ def _sweeps() -> Figure:
 @pytest.mark.parametrize(
     "draw",
     [
-        lambda: _of(coverage)(RNG.normal(0.0, 1.0, (40, 2))),
+        lambda: _of(coverage)({name: RNG.normal(0.0, 1.0, (40, 2)) for name in ("revolution", "plane")}),
         lambda: _of(repeatability)(RNG.normal(0.0, 0.02, (25, 2))),
         lambda: _of(efficiency)(
             RNG.normal(0.0, 0.004 * ARCMIN, (60, 2)), np.array([0.0037, 0.0035]) * ARCMIN

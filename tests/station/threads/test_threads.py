@@ -136,7 +136,7 @@ def test_watch_tells_once_a_minute_of_a_thread_that_fails_on_and_of_its_end() ->
     fail_again()
     (text,) = watch.news(0.0)
     assert text.startswith("the thread 'bad' runs on; ")
-    assert text.endswith("the last KeyError: 'x'")
+    assert text.endswith("the last: KeyError: 'x'")
     fail_again()
     assert watch.news(59.0) == []
     assert len(watch.news(60.0)) == 1
