@@ -379,7 +379,17 @@ def test_a_wheel_whose_series_is_refused_shows_no_live_angles(bench: TurningBenc
 
 def test_a_stop_that_comes_amid_the_series_before_the_adjusting_is_heard(bench: TurningBench) -> None:
     bench.planes["front_left"].extend(bench.planes["front_left"].copy())
-    bench.rig("front_left").at_shot = lambda number: bench.line.queue.append(Stop(1)) if number == 3 else None
+    told, heard = threading.Event(), threading.Event()
+    bench.line.on_poll = lambda: heard.set() if told.is_set() and not bench.line.queue else None
+
+    def stop(number: int) -> None:
+        if number == 3 and not told.is_set():
+            told.set()
+            bench.line.queue.append(Stop(1))
+            # The series goes on when the stop has been taken from the line: amid it, not after.
+            assert heard.wait(10.0)
+
+    bench.rig("front_left").at_shot = stop
     report = bench.trigger(wheels=["front_left"], vehicle_type=3, mode=Mode.ADJUST)
     assert report is not None
     assert report.told is Outcome.OK

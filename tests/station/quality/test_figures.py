@@ -199,12 +199,12 @@ def test_certificate_of_a_study_says_every_figure_and_raw_value(tmp_path: Path) 
     assert f"made {datetime(2026, 11, 22, 8, 0, tzinfo=UTC):%Y-%m-%d %H:%M:%S} UTC" in said
     assert report.assessment in said
     figures = report.result.figures
-    assert f"grr percent study variation {figures['grr_percent_study_variation']:.6g} ≤ 30 yes" in said
-    assert f"grr percent tolerance {figures['grr_percent_tolerance']:.6g} ≤ 30 yes" in said
+    assert f"grr percent study variation {figures['grr_percent_study_variation']:.5g} ≤ 30 yes" in said
+    assert f"grr percent tolerance {figures['grr_percent_tolerance']:.5g} ≤ 30 yes" in said
     assert figures["grr_percent_tolerance"] == pytest.approx(600 * figures["grr"] / 0.2)
     for part, both in degrees.items():
         for trial, value in enumerate(both, start=1):
-            assert f"{part} {trial} {value:g} 2026-11-20 23:0{trial}:00" in said
+            assert f"{part} {trial} {value:.4f} 2026-11-20 23:0{trial}:00" in said
 
 
 def test_certificate_of_a_dead_gauge_has_no_verdict(tmp_path: Path) -> None:
