@@ -69,7 +69,7 @@ def told_apart(
         if sums.rms > _WORST_RMS:
             return _no_wheel(sums.rms)
         moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
-        judgement = _judged(lines, matched, surface, moves, sums.rms, rig)
+        judgement = judged_shot(lines, matched, surface, moves, sums.rms, rig)
         moved = _moved(moves.misfits(), sums.numbers, sums.rms, judgement, rig)
         if moved is None and (judgement.evidence or 0.0) <= _DOUBT:
             return None, judgement
@@ -80,7 +80,7 @@ def told_apart(
     few = _too_few(sums.numbers, matched, rig, settings) is not None
     if loaded is None or few or sums.rms > _WORST_RMS:
         return plain if isinstance(plain, Refusal) else (None, plain)
-    judgement = _judged(lines, matched, loaded.surface, loaded.moves, loaded.noise, rig, loaded.lift_mm)
+    judgement = judged_shot(lines, matched, loaded.surface, loaded.moves, loaded.noise, rig, loaded.lift_mm)
     moved = _moved(loaded.misfits(), sums.numbers, loaded.noise, judgement, rig)
     return (loaded, judgement) if moved is None else moved
 
@@ -105,7 +105,7 @@ def _loaded(pool: PointPool, surface: WheelSurface, rig: PreparedRig) -> LoadedW
     return loaded if loaded is not None and loaded.lead > _LEAD else None
 
 
-def _judged(
+def judged_shot(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     surface: WheelSurface,

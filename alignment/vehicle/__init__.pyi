@@ -1,6 +1,7 @@
 from .angles import camber_toe as camber_toe
 from .angles import normal_from_angles as normal_from_angles
 from .axles import AxleAngles as AxleAngles
+from .axles import EndPoints as EndPoints
 from .axles import ThrustSign as ThrustSign
 from .axles import VehicleAngles as VehicleAngles
 from .axles import WheelAngles as WheelAngles
@@ -13,7 +14,6 @@ from .geometry import TEMPERATURE as TEMPERATURE
 from .geometry import TYRE_WIDTH as TYRE_WIDTH
 from .geometry import VehicleGeometry as VehicleGeometry
 from .geometry import vehicle_geometry as vehicle_geometry
-from .quantities import EndPoints as EndPoints
 from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
 from .wheel_axes import STEEL_PER_K as STEEL_PER_K
 from .wheel_axes import MeasuredAngles as MeasuredAngles

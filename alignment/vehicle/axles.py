@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+EndPoints = Literal["sidewalls", "wheel_centres", "contact_centres"]
+"""Between what wheelbase, track and setback are measured."""
 ThrustSign = Literal["left_positive", "right_positive"]
 
 

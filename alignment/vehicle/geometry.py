@@ -17,8 +17,8 @@ import numpy as np
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.values import SIDES
-from alignment.vehicle.axles import AxleAngles, ThrustSign, VehicleAngles
-from alignment.vehicle.quantities import EndPoints, Scalar, VehicleState, of_axles, of_four_wheels
+from alignment.vehicle.axles import AxleAngles, EndPoints, ThrustSign, VehicleAngles
+from alignment.vehicle.quantities import Scalar, VehicleState, of_axles, of_four_wheels
 from alignment.vehicle.wheel_axes import AXIS_SIZE, FOUR_WHEELS, FRONT, REAR, Stand, TyreWidths, WheelAxis
 
 MEASURED, TEMPERATURE, TYRE_WIDTH = "measured", "temperature", "tyre_width"

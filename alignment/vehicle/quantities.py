@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.values import SIDES
 from alignment.vehicle.angles import SIGN
-from alignment.vehicle.axles import ThrustSign
+from alignment.vehicle.axles import EndPoints, ThrustSign
 from alignment.vehicle.wheel_axes import AXIS_SIZE, FOUR_WHEELS, FRONT, REAR, Stand, TyreWidths, WheelAxis
 
-EndPoints = Literal["sidewalls", "wheel_centres", "contact_centres"]
-"""Between what wheelbase, track and setback are measured."""
 SHORTEST_WHEELBASE_MM, LARGEST_YAW = 500.0, math.radians(10.0)
 
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from alignment import measure
+from alignment import measure, measure_heads
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.geometry import RigidTransform
@@ -56,8 +56,8 @@ TIMED_STAGES = {
     "choice_of_surface": (measure, "plane_hypotheses"),
     "gloss": (search, "without_gloss"),
     "fit": (search, "fit_revolution"),
-    "agreement_of_heads": (measure, "head_moves"),
-    "knocks": (measure, "_judged"),
+    "agreement_of_heads": (measure_heads, "head_moves"),
+    "knocks": (measure_heads, "judged_shot"),
 }
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from alignment.errors import InputError, StoreError
 from db.connection import current_revision, head_revision, make_engine, migrate, parse_url
-from db.records import CalibrationRecord
+from db.records import CalibrationRecord, WheelKind
 from db.schema import calibrations, cycles, vehicles, wheel_results
 from db.store import ResultStore
 from tests.db.example_records import CALIBRATION, NOON, cycle, given, revocation, zero
@@ -86,6 +86,8 @@ def test_a_database_of_the_first_revision_keeps_its_results_and_takes_zero_measu
     store = open_store(empty_database_url, create=False)
     stored = store.cycle(record.uuid)
     assert stored is not None
-    assert stored.record == record
+    # Told by the method ever since; before it stood in a text.
+    kinds = tuple(replace(wheel, kind=WheelKind.TYRE_PLANE) for wheel in record.wheels)
+    assert stored.record == replace(record, wheels=kinds)
     store.record_zero(zero())
     assert store.zeros_in_force() == (zero(),)

@@ -81,7 +81,7 @@ def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path:
     """The wheel carried no configurations: outside of a checkout these verbs ended with status 2."""
     assert "wrote" in run(program, tmp_path, "init", "home")
     assert "is sound" in run(program, tmp_path, "config", "check", "home/configs/station.toml")
-    assert "28 of 28 points passed" in run(program, tmp_path, "line", "check", "--simulated")
+    assert "33 of 33 points passed" in run(program, tmp_path, "line", "check", "--simulated")
     assert "station" in run(program, tmp_path, "schema", "station")
     run(program, tmp_path, "simulate", "plate-session", "--seed", "3", "--views", "3", "--head", "head_1",
         "--out", "plate")  # fmt: skip

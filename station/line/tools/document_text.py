@@ -157,7 +157,8 @@ MODES_TEXT = """
 stop: measures once more, judges, stores, reports. \
 abort, lost communication, or the configured time: aborted |
 | master_check | measures a master wheel; the vehicle type holds its certified angles as limits. \
-Stored as a check of each rig's calibration too, where those limits are within ±10′ | by itself |
+Stored as a check of each rig's calibration too, where those limits are within ±10′. All four \
+wheels of a type with limits of lengths are a master vehicle | by itself |
 | calibrate | records images of the calibration plate; every marked wheel is answered with `recorded` \
 | by itself |
 

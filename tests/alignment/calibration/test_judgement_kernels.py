@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from alignment import measure
+from alignment import measure, measure_heads
 from alignment.calibration.judgement import Judgement, judge
 from alignment.calibration.knocks import Knock, KnockModel
 from alignment.stereo.rows import TERMS, RowFields
@@ -134,15 +134,19 @@ def test_a_rendered_wheel_is_judged_as_by_plain_arrays(
 ) -> None:
     rig = rendered.turned_head(rendered.known_rig(), 1, turn_deg)
     images, told = rendered.images(), {}
-    monkeypatch.setattr(measure, "row_fields", lambda *a: told.setdefault("rows", plain_rows.row_fields(*a)))
-    monkeypatch.setattr(measure, "judge", lambda *a: told.setdefault("judged", plain_judgement.judge(*a)))
+    monkeypatch.setattr(
+        measure_heads, "row_fields", lambda *a: told.setdefault("rows", plain_rows.row_fields(*a))
+    )
+    monkeypatch.setattr(
+        measure_heads, "judge", lambda *a: told.setdefault("judged", plain_judgement.judge(*a))
+    )
     monkeypatch.setattr(HeadMoves, "misfits", plain_judgement.misfits)
     plain = measure.measure_wheel(images, rig, MeasureSettings())
     monkeypatch.undo()
     assert told.keys() == {"rows", "judged"}
     assert (told["rows"].pairs > 20).all()
     seen: list[Judgement] = []
-    monkeypatch.setattr(measure, "judge", lambda *a: seen.append(judge(*a)) or seen[-1])
+    monkeypatch.setattr(measure_heads, "judge", lambda *a: seen.append(judge(*a)) or seen[-1])
     found = measure.measure_wheel(images, rig, MeasureSettings())
     assert_same(seen[0], told["judged"])
     assert type(found) is type(plain)

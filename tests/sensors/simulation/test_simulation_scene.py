@@ -76,7 +76,8 @@ def test_heads_stand_around_the_wheel_and_see_the_sidewall(name: str) -> None:
     rig = build_rig(spec, "rear_left", "left", np.random.default_rng(2))
     assert [head.name for head in rig.heads] == ["head_1", "head_2", "head_3"]
     assert (rig.rig, rig.side) == ("rear_left", "left")
-    stand = {"upper": (30.0, 90.0, 150.0), "turned": (60.0, 180.0, 300.0)}.get(name, (90.0, 210.0, 330.0))
+    others = {"upper": (30.0, 90.0, 150.0), "turned": (60.0, 180.0, 300.0), "lifted": (90.0, 195.0, 345.0)}
+    stand = others.get(name, (90.0, 210.0, 330.0))
     for degrees, head in zip(stand, rig.heads, strict=True):
         angle = math.radians(degrees)
         outward = np.array([math.cos(angle), math.sin(angle), 0.0])

@@ -55,6 +55,7 @@ DATABASES: dict[str, tuple[str, ...]] = {
     "calibration check": (GONE, "--calibration", GONE),
     "calibration frame": (GONE, "--calibration", GONE, "--out", "o"),
     "zero measure": (GONE, "--calibration", GONE, "--camber", "0", "--toe", "0"),
+    "zero measure-vehicle": (GONE, "--certificate", GONE),
 }
 ASKED_ELSEWHERE = {
     # These write nothing but the database, at once, or only read it.
