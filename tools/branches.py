@@ -16,7 +16,13 @@ from pathlib import Path
 from mutate import TESTS
 
 ROOT = Path(__file__).resolve().parents[1]
-DECIDING = TESTS | {"station.cycle.judging": ("tests/station/cycle/test_judging.py",)}
+DECIDING = TESTS | {
+    "station.cycle.judging": (
+        "tests/station/cycle/test_judging.py",
+        "tests/station/cycle/test_turning_wheels.py",
+        "tests/station/cycle/test_vehicle_frame.py",
+    )
+}
 
 
 def left_out(module: str, tests: Sequence[str], folder: Path = ROOT) -> str:

@@ -133,6 +133,19 @@ def test_a_vehicle_type_that_does_not_say_is_measured_as_the_station_says() -> N
         assert {rig.taken for rig in map(bench.rig, WHEELS)} == {14}
 
 
+def test_run_out_without_a_limit_is_stored_and_not_judged() -> None:
+    axle = {name: value for name, value in SPUN.items() if name != "run_out_mm"}
+    kind = VehicleType.model_validate(
+        TURNING.model_dump(exclude_none=True) | {"axles": {"front": axle, "rear": axle}}
+    )
+    with opened(types={3: kind}) as bench:
+        report = bench.trigger(vehicle_type=3)
+    assert report is not None
+    for stored in report.record.wheels:
+        assert stored.run_out == pytest.approx(2.0, abs=0.06)
+        assert stored.run_out_high is None
+
+
 @pytest.mark.parametrize(("most_mm", "severity"), [(2.5, Severity.INFO), (1.9, Severity.WARNING)])
 def test_run_out_is_stored_and_has_a_verdict_of_its_own(most_mm: float, severity: Severity) -> None:
     axle = SPUN | {"run_out_mm": most_mm}

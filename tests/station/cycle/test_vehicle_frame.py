@@ -157,6 +157,17 @@ def test_length_out_of_its_limits_makes_the_vehicle_nok(reference: Reference) ->
     assert event.cycle_uuid == report.record.uuid
 
 
+@pytest.mark.parametrize(("yaw_deg", "told"), [(0.1, Outcome.OK), (0.3, Outcome.NOK)])
+def test_vehicle_that_stands_too_far_askew_is_nok_by_its_yaw(yaw_deg: float, told: Outcome) -> None:
+    kind = VehicleType.model_validate(
+        KIND.model_dump(exclude_none=True) | {"yaw": {"nominal_deg": 0.0, "tolerance_deg": 0.2}}
+    )
+    with bench_of("vehicle", yaw_deg, kind) as bench:
+        report = bench.trigger()
+    assert report is not None
+    assert report.told is told
+
+
 def test_geometry_is_stored_with_limits_and_says_what_toes_refer_to(askew: Bench) -> None:
     """Lengths were judged and kept nowhere but in the words of an event."""
     report = askew.trigger()

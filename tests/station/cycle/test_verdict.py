@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from alignment.errors import DegenerateInputError
 from db.records import CycleOutcome, Verdict
 from station.configuration.limits import Limits
-from station.cycle.verdict import Angle, Status, combined, cycle_outcome
+from station.cycle.verdict import Angle, Status, combined, cycle_outcome, missed_in_words
 
 LIMITS = Limits(-0.01, 0.01)
 ANGLE = Angle("front_left.toe", LIMITS)
@@ -193,3 +193,12 @@ def test_guard_band_is_applied_unless_somebody_says_otherwise() -> None:
 def test_what_was_judged_cannot_be_changed_afterwards(value: object) -> None:
     with pytest.raises(FrozenInstanceError):
         value.low = value.value = 0.0  # type: ignore[attr-defined]
+
+
+def test_an_angle_that_only_its_uncertainty_makes_nok_says_so() -> None:
+    inside = Angle("front_left.toe", Limits(-0.01, 0.01)).measured(0.0099, 0.0002, calibration_valid=True)
+    assert missed_in_words(inside) == (
+        "front_left toe +0.5672°, limits -0.5730° to +0.5730° less its uncertainty of 0.0115°"
+    )
+    outside = Angle("front_left.toe", Limits(-0.01, 0.01)).measured(0.011, 0.0002, calibration_valid=True)
+    assert missed_in_words(outside) == "front_left toe +0.6303°, limits -0.5730° to +0.5730°"

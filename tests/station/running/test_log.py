@@ -8,9 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from station.configuration.limits import Limits
 from station.cycle.ports import CycleReport
-from station.cycle.verdict import Angle, missed_in_words
 from station.running.app import _Log
 from tests.station.bench import Bench, measurement, open_bench
 
@@ -47,12 +45,3 @@ def test_vehicle_out_of_limits_is_named_with_wheel_angle_value_and_limits(
 
 def test_good_vehicle_has_nothing_in_brackets(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     assert re.search(r"VIN \w{17}: ok, line was told ok$", log_of(bench, caplog))
-
-
-def test_an_angle_that_only_its_uncertainty_makes_nok_says_so() -> None:
-    inside = Angle("front_left.toe", Limits(-0.01, 0.01)).measured(0.0099, 0.0002, calibration_valid=True)
-    assert missed_in_words(inside) == (
-        "front_left toe +0.5672°, limits -0.5730° to +0.5730° less its uncertainty of 0.0115°"
-    )
-    outside = Angle("front_left.toe", Limits(-0.01, 0.01)).measured(0.011, 0.0002, calibration_valid=True)
-    assert missed_in_words(outside) == "front_left toe +0.6303°, limits -0.5730° to +0.5730°"
