@@ -27,6 +27,7 @@ _BULGE_LENGTH, _SIDE_LENGTH = 15.0, 45.0  # mm over which a radial profile hardl
 _BULGE_MM, _SIDE_MM, _ODD_MM = 3.0, 8.0, 0.1  # standard deviations at the contact, where they begin
 _LEAST_MM, _MOST_MM = 0.003, 12.0
 _ODD_SHARE = 0.2  # of the bulge, at most
+_KNOCK_SIZES = (1.0, 0.25, 0.0625, 0.0156)  # of the one standard deviation that is given
 _TURN, _PLACE_MM = 0.01, 30.0  # standard deviations of the axis, radians and mm
 _BELIEF = 1e-4  # of an average; less is left out
 _STEPS, _FEW_STEPS = 7, 2  # of a fit from the start, and of one that goes on
@@ -141,12 +142,13 @@ class LoadModel:
         scale = np.array([_TURN] * 2 + [_PLACE_MM] * 2)
         known = np.zeros((moves.shape[1], 0)) if amounts is None else _root(amounts)
         values = []
-        for more in (np.zeros((len(known), 0)), knock):
+        # As the judgement of knocks tries several sizes: a wide one alone would make small knocks unlikely.
+        for more in (np.zeros((len(known), 0)), *(size * knock for size in _KNOCK_SIZES)):
             columns = np.hstack([axis * scale, moves @ known, moves @ more])
             matrix = columns.T @ columns + np.eye(columns.shape[1])
             right = columns.T @ heights
             values.append(0.5 * float(right @ np.linalg.solve(matrix, right) - np.linalg.slogdet(matrix)[1]))
-        return (values[1] - values[0]) / self.unevenness
+        return (max(values[1:]) - values[0]) / self.unevenness
 
 
 def _moves(cells: Cells) -> tuple[Array, Array]:
