@@ -33,6 +33,39 @@ class CameraSettings:
             raise ConfigurationError(field="gain_db", expected="from 0 to 60", seen=str(self.gain_db))
 
 
+@dataclass(frozen=True)
+class SettingsInForce:
+    """What a camera is set to, as it said when it was armed; never taken from what it was told.
+
+    Attributes
+    ----------
+    model, serial_number
+        Of the camera, as it names itself.
+    exposure_ms, gain_db
+        As in `CameraSettings`.
+    pixel_format
+        Name of GenICam's Pixel Format Naming Convention, such as ``Mono8`` or ``Mono12p``.
+    bits
+        Significant bits of a pixel: 8, 10, 12 or 16.
+    trigger_source
+        Such as ``Software`` or ``Line1``.
+    packet_size
+        Bytes; None where the link has no such setting.
+    others
+        What else the driver's configuration sets, name and value as the camera gives them, by name.
+    """
+
+    model: str
+    serial_number: str
+    exposure_ms: float
+    gain_db: float
+    pixel_format: str
+    bits: int
+    trigger_source: str
+    packet_size: int | None = None
+    others: tuple[tuple[str, str], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One image and when it was taken; stamped on receipt, before anything is done with it.
@@ -51,6 +84,10 @@ class Frame:
         This computer's monotonic clock when the frame was received, seconds; its age is measured from it.
     exposure_ms
         Exposure time, milliseconds.
+    in_force
+        What the camera is set to; None where its driver cannot read it.
+    temperature_c
+        Of the camera, °C; None where it has no sensor for it.
     """
 
     camera: str
@@ -59,6 +96,8 @@ class Frame:
     device_time_s: float
     host_time_s: float
     exposure_ms: float
+    in_force: SettingsInForce | None = None
+    temperature_c: float | None = None
 
 
 class Camera(Protocol):

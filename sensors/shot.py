@@ -40,11 +40,14 @@ class WheelShot:
         When the cameras were triggered; aware, UTC.
     heads
         In the order of the calibration.
+    dark
+        The same heads without the projector's light, next to this exposure; empty where none were taken.
     """
 
     rig: str
     time_utc: datetime
     heads: tuple[HeadFrames, ...]
+    dark: tuple[HeadFrames, ...] = ()
 
     def __post_init__(self) -> None:
         if self.time_utc.tzinfo is None:
@@ -55,6 +58,12 @@ class WheelShot:
         if not names or len(set(names)) < len(names):
             raise DegenerateInputError(
                 field="heads", expected="one or more heads with different names", seen=listed(names)
+            )
+        if self.dark and [head.name for head in self.dark] != names:
+            raise DegenerateInputError(
+                field="dark",
+                expected=f"the heads {listed(names)}",
+                seen=listed([head.name for head in self.dark]),
             )
         counters = [head.left.trigger_counter for head in self.heads]
         if len(set(counters)) > 1:

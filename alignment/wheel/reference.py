@@ -22,7 +22,7 @@ from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_kernels import BASIS
 from alignment.wheel.spin import SpinMeasurement
 
-_MOST_POINTS = 4000  # tell where the profile is known, and how well
+_MOST_POINTS = 2000  # tell where the profile is known, and how well
 _SUPPORT = 0.2  # of the weight that intervals have at the median, below which the profile is a guess
 _FEWEST_PLACES = 4  # of a turning wheel
 _PER_STEP = 2  # heights that are looked at from knot to knot
@@ -209,18 +209,7 @@ def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
         return None
     x, z = (place[near] - top) / CREST_MM, height[near]
     rows = np.vander(x, FORM_DEGREE + 1)
-    weight = np.ones(len(x))
-    scale = _FLOOR_MM
-    left = z
-    for round_ in range(_LEAST + _TUKEY):
-        weighted = weight * rows.T
-        form = np.linalg.solve(weighted @ rows, weighted @ z)
-        left = z - rows @ form
-        if round_ < _LEAST - 1:
-            weight = 1.0 / np.maximum(np.abs(left), _FLOOR_MM)
-        else:
-            scale = max(deviation_of(left), _FLOOR_MM)
-            weight = np.maximum(1.0 - np.square(left / (_CUT * scale)), 0.0) ** 2
+    form, scale = _broad_form(rows, z)
     fine = np.linspace(max(x[0], -1.0), min(x[-1], 1.0), _PLACES)
     heights = np.vander(fine, FORM_DEGREE + 1) @ form
     best = int(heights.argmax())
@@ -230,6 +219,28 @@ def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
     if min(at - place[0], place[-1] - at) < _AROUND_MM:
         return None
     return at, float(heights[best]), _FORM * scale
+
+
+def _broad_form(rows: Array, z: Array) -> tuple[Array, float]:
+    """Coefficients of z (n,) by rows (n, m) but for ribs and grooves, and the scale of what leaves that form.
+
+    An M-estimate with the scale of the least absolute values that it starts from (Yohai 1987).
+    """
+    products = (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
+    shape = (rows.shape[1], rows.shape[1])
+    weight = np.ones(len(z))
+    scale = _FLOOR_MM
+    form = np.zeros(shape[0])
+    for round_ in range(_LEAST + _TUKEY):
+        form = np.linalg.solve((weight @ products).reshape(shape), (weight * z) @ rows)
+        left = np.abs(z - rows @ form)
+        if round_ < _LEAST - 1:
+            weight = 1.0 / np.maximum(left, _FLOOR_MM)
+            continue
+        if round_ == _LEAST - 1:
+            scale = max(deviation_of(left), _FLOOR_MM)
+        weight = np.maximum(1.0 - np.square(left / (_CUT * scale)), 0.0) ** 2
+    return form, scale
 
 
 def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
@@ -251,11 +262,14 @@ def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
     scale = float(np.trace(fit.covariance) / np.trace(inverse[:2, :2]))
     out = np.zeros((5, 5))
     out[:4, :4] = inverse
-    out[4, :4] = out[:4, 4] = inverse @ mean[ring]
-    out[4, 4] = mean[ring] @ inverse @ mean[ring]
+    # Light lines may miss the ring's own interval: what lies around it says where the points are.
+    half = max(1, round(CREST_MM / fit.knots_step))
+    near = slice(max(ring - half, 0), ring + half + 1)
+    there = total[near].sum(axis=0) / weight[near].sum()
+    out[4, :4] = out[:4, 4] = inverse @ there
+    out[4, 4] = there @ inverse @ there
     # The fit's covariance of the tilts stands as it is; what it says more than the points' is in all.
     out *= scale
     # The middle of a polynomial of the fourth degree has 3.5 times the variance of the mean.
-    half = max(1, round(CREST_MM / fit.knots_step))
-    out[4, 4] += 3.5 * scale / weight[max(ring - half, 0) : ring + half + 1].sum()
+    out[4, 4] += 3.5 * scale / weight[near].sum()
     return out
