@@ -47,7 +47,9 @@ def cells_of(heads: tuple[float, ...]) -> Cells:
     slope = (-0.25 / 60.0 * (radii[ring] - 255.0) / radii[ring])[:, None]
     moves = np.column_stack([np.ones(len(ring)), places, slope * places])
     weight = np.full(len(ring), POINTS / len(ring))
-    return Cells(ring, head, weight, np.zeros(len(ring)), places, moves, NOISE, NOISE, len(heads))
+    number = 2 * np.arange(len(ring))
+    flat, bends = np.zeros(len(ring)), np.zeros((len(ring), 3))
+    return Cells(number, ring, head, weight, flat, places, moves, bends, NOISE, NOISE, len(heads))
 
 
 def amounts_of(heads: tuple[float, ...]) -> Array:
@@ -82,7 +84,7 @@ def trials(heads: tuple[float, ...], bulge_mm: float, rng: np.random.Generator) 
             height = height + cells.by_head() @ (root @ rng.standard_normal(len(root)))
             seen, model = replace(cells, height=height), None
             for _ in range(ROUNDS):
-                model = fit_load(seen, down, amounts, model, side_force=False)
+                model = fit_load(seen, down, amounts, model, elsewhere=False)
             assert model is not None
             stated.append(1.96 * float(np.sqrt(model.covariance[1, 1])) / ARCMIN)
             errors.append(abs(float(model.turn[1])) / ARCMIN)

@@ -7,10 +7,13 @@ Both settle where the joint problem has its solution.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import make_lsq_spline
 
 from alignment import robust
 from alignment.arrays import Array
@@ -18,16 +21,27 @@ from alignment.errors import DegenerateInputError
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import nearest_candidates
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves
-from alignment.wheel.load_cells import Cells, condense
-from alignment.wheel.load_model import LoadModel, fit_load
+from alignment.wheel.load_cells import Cells, condense, local_weights
+from alignment.wheel.load_model import LoadModel, fit_load, side_force_seen
 from alignment.wheel.revolution import RevolutionFit
+from alignment.wheel.revolution_steps import frame_of
 from alignment.wheel.search import SURFACE_GATE, WheelSurface, fit_chosen
 
 _ROUNDS = 7
-_KNOWN = 2  # round in which the noise is known, so that what is left over shows whether there is side force
+_KNOWN = 2  # round from which the likeliest hypothesis alone is followed
+_AXIS_ROUNDS, _LOOK_ELSEWHERE = 8, 2
+_FAR_MM = 4.0  # by which the axis of a surface without load may be off
+_PROFILE_STEP, _PROFILE_ROUNDS, _LEAST_WEIGHT = (
+    4.0,
+    4,
+    1e-4,
+)  # mm; smooth, for its slope tells the place of the axis
+_NEAR = 1e-4  # radians, 0.3′; an axis that turns by less is where its surface can be fitted
 _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
 _CLEARLY = 1.3  # times what a knock explains; real loads explain 1.6 times as much and more
+_LEAD = 5.0  # logarithm of the evidence by which side force must be likelier than a knock beside a bulge
+_LEFT_BY_KNOCK = 0.5  # logarithm of evidence per cell, one chi squared: what no knock would leave
 _FIRST_GATE = 8.0  # mm; by so much a head may be off a surface that others fit; a ghost is farther
 _FEWEST_CELLS = 20  # of each head
 _UNDETERMINED = 1e-6  # of a head's own movements, below which load and axis leave nothing of one
@@ -70,7 +84,9 @@ class LoadedWheel:
 
         A free profile follows part of whatever a knock leaves, so that a load must explain clearly more.
         """
-        return self.model.gain - _CLEARLY * max(self.knock_gain, 0.0)
+        gain, knock = self.model.gain, max(self.knock_gain, 0.0)
+        beyond_noise = _LEFT_BY_KNOCK * len(self.model.cells.weight)
+        return max(gain - _CLEARLY * knock, gain - knock - beyond_noise)
 
     def misfits(self) -> Array:
         """(H,) part of the residuals that a movement of each head alone explains, with load and axis free to
@@ -125,55 +141,172 @@ def carry(
         None where too little is seen to tell a load.
     """
     heads = int(pool.head.max()) + 1
-    model: LoadModel | None = None
-    every: LoadModel | None = None
-    cells, lift = _first_cells(pool, surface.fit, heads), np.zeros(1)
-    for number in range(_ROUNDS):
-        if not _enough(cells):
-            return None
-        before = surface.fit
-        model = fit_load(
-            cells, _contact(before, down), amounts, model,
-            best_alone=number > _KNOWN, side_force=number >= _KNOWN,
-        )  # fmt: skip
-        every = model if number <= _KNOWN else every
-        try:
-            surface = _unloaded(pool, before, model, axes)
-        except DegenerateInputError:
-            return None
-        cells, lift = _cells(surface, model, before, heads)
-        if np.abs(surface.fit.normal - before.normal).max() < _SETTLED:
-            break
-    assert model is not None
-    if not _enough(cells):
+    seen = _Seen(pool, axes, down, amounts, heads)
+    found = _settled(seen, surface.fit, None)
+    if found is None or found.pushed(seen, knocks):
+        found = _pushed(seen, surface.fit) or found
+    if found is None:
         return None
-    model = fit_load(cells, _contact(surface.fit, down), amounts, every)
-    fit = _turned(surface.fit, model.turn)
-    moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
-    normal, target = model.freed_moves(cells)
+    model, fit, points = found.model, found.surface.fit, found.surface.points
+    moves = head_moves(points.points, points.head, heads, fit)
+    normal, target = model.freed_moves()
     return LoadedWheel(
-        surface=replace(surface, fit=fit),
+        surface=replace(found.surface, fit=_turned(fit, model.turn)),
         model=model,
         moves=replace(moves, normal=normal, target=target),
         noise=model.noise,
-        lift_mm=float(np.abs(lift).max()),
+        lift_mm=found.lift_mm,
         covariance=_positive(model.covariance - model.unloaded),
-        knock_gain=max((model.knock_gain(cells, amounts, knock) for knock in knocks), default=0.0),
+        knock_gain=max((model.knock_gain(amounts, knock) for knock in knocks), default=0.0),
     )
 
 
-def _contact(fit: RevolutionFit, down: Array) -> Array:
-    """(2,) unit direction to the contact patch along the tilt axes."""
-    along = fit.tilt_axes @ down
-    out: Array = along / np.linalg.norm(along)
-    return out
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a load is looked for in: arguments of `carry`, and how many heads there are."""
+
+    pool: PointPool
+    axes: Array
+    down: Array
+    amounts: Array | None
+    heads: int
+
+    def fitted(self, cells: Cells, fit: RevolutionFit, start: LoadModel | None, **how: Any) -> LoadModel:
+        """The load of cells about an axis."""
+        return fit_load(cells, self.contact(fit), self.amounts, start, **how)
+
+    def contact(self, fit: RevolutionFit) -> Array:
+        """(2,) unit direction to the contact patch along the tilt axes."""
+        along = fit.tilt_axes @ self.down
+        out: Array = along / np.linalg.norm(along)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A surface, its load, and the most by which that lifts it."""
+
+    surface: WheelSurface
+    model: LoadModel
+    lift_mm: float
+
+    def pushed(self, seen: _Seen, knocks: Sequence[Array]) -> bool:
+        """Tell whether side force is to be looked for: where it says more of the heights than a bulge alone,
+        or one beside a head that moved."""
+        side, moved = side_force_seen(self.model, seen.amounts, knocks)
+        return side > _LEAD + max(moved, 0.0)
+
+
+def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> _Found | None:
+    """Find surface and load in turn; bulges alone, or what the start knows."""
+    model = every = start
+    surface: WheelSurface | None = None
+    lift = np.zeros(1)
+    cells = _first_cells(seen.pool, before, seen.heads)
+    for number in range(_ROUNDS):
+        if start is None or number:
+            if not _enough(cells):
+                return None
+            model = seen.fitted(cells, before, model, best_alone=start is not None or number > _KNOWN)
+            every = model if start is None and number <= _KNOWN else every
+        assert model is not None
+        try:
+            surface = _unloaded(seen.pool, before, model, seen.axes)
+        except DegenerateInputError:
+            return None
+        cells, lift = _cells(surface, model, before, seen.heads)
+        moved = np.abs(surface.fit.normal - before.normal).max()
+        before = surface.fit
+        if moved < _SETTLED:
+            break
+    if surface is None or not _enough(cells):
+        return None
+    return _Found(surface, seen.fitted(cells, before, every), float(np.abs(lift).max()))
+
+
+def _pushed(seen: _Seen, fit: RevolutionFit) -> _Found | None:
+    """The same with side force."""
+    starts = [_foreseen(seen, start) for start in (_by_one_head(seen, fit), fit)]
+    found = [each for each in starts if each is not None]
+    if not found:
+        return None
+    # A fit may end in a wrong place, where much of the wheel passes for letters.
+    return _settled(seen, *max(found, key=lambda each: each[1].explained))
+
+
+def _foreseen(seen: _Seen, fit: RevolutionFit) -> tuple[RevolutionFit, LoadModel] | None:
+    """Find the load, and an axis whose surface the points need not yet lie on.
+
+    The axis goes where the joint solution puts it, and the profile is but the median height over the radius:
+    a surface that were fitted to a load that is not right yet would take the other points for outliers.
+    """
+    pool = seen.pool
+    lift = np.zeros(len(pool.points))
+    gate, shift = _FIRST_GATE, _FAR_MM
+    model: LoadModel | None = None
+    for number in range(_AXIS_ROUNDS):
+        still = pool.points - lift[:, None] * fit.normal
+        chosen = nearest_candidates(fit.height(still), pool.group, gate)
+        cells = _condensed(pool.where(chosen), fit, seen.heads)
+        if not _enough(cells):
+            return None
+        model = seen.fitted(cells, fit, None, elsewhere=number < _LOOK_ELSEWHERE, shift_mm=shift)
+        before, fit = fit, _moved_axis(pool, fit, model)
+        lift = model.height((pool.points - fit.centre) @ fit.tilt_axes.T)
+        if np.abs(fit.normal - before.normal).max() < _NEAR:
+            break
+        gate, shift = SURFACE_GATE, float(np.abs(model.shift).max())
+    assert model is not None
+    return fit, model
+
+
+def _by_one_head(seen: _Seen, fit: RevolutionFit) -> RevolutionFit:
+    """The surface with the profile that the head farthest from the contact sees, where a load does least."""
+    pool = seen.pool
+    chosen = nearest_candidates(fit.height(pool.points), pool.group, _FIRST_GATE)
+    points, head = pool.points[chosen], pool.head[chosen]
+    along = (points - fit.centre) @ fit.tilt_axes.T @ seen.contact(fit)
+    mean = [along[head == k].mean() if (head == k).any() else np.inf for k in range(seen.heads)]
+    mine = head == int(np.argmin(mean))
+    return about(fit, fit.normal, fit.centre, points[mine])
+
+
+def about(fit: RevolutionFit, normal: Array, centre: Array, points: Array) -> RevolutionFit:
+    """Return the surface about another axis, with the profile of points (n, 3) on it, letters left out."""
+    frame = frame_of(normal)
+    x, y, z = frame @ (points - centre).T
+    radius = np.hypot(x, y)
+    order = np.argsort(radius)
+    radius, z = radius[order], z[order]
+    start, step = radius[0] - 1e-6, _PROFILE_STEP
+    count = math.ceil((radius[-1] - start) / step + 1e-6)
+    knots = start + step * np.arange(-3, count + 4)
+    weight = np.ones(len(z))
+    for _ in range(_PROFILE_ROUNDS):
+        spline = make_lsq_spline(radius, z, knots, k=3, w=np.sqrt(np.maximum(weight, _LEAST_WEIGHT)))
+        off = np.abs(z - spline(radius))
+        scale = robust.BIWEIGHT * max(robust.DEVIATION_OF_MEDIAN * float(np.median(off)), 1e-6)
+        weight = np.square(1.0 - np.minimum(np.square(off / scale), 1.0))
+    return replace(
+        fit, normal=frame[2], centre=centre, tilt_axes=frame[:2], knots_start=float(start), knots_step=step,
+        profile=np.asarray(spline.c, dtype=np.float64),
+    )  # fmt: skip
+
+
+def _moved_axis(pool: PointPool, fit: RevolutionFit, model: LoadModel) -> RevolutionFit:
+    """Put the axis where the joint solution has it."""
+    lift = model.height((pool.points - fit.centre) @ fit.tilt_axes.T)
+    still = pool.points - lift[:, None] * fit.normal
+    chosen = nearest_candidates(fit.height(still), pool.group, _FIRST_GATE)
+    normal = fit.normal - model.turn @ fit.tilt_axes
+    return about(fit, normal, fit.centre + model.shift @ fit.tilt_axes, still[chosen])
 
 
 def _unloaded(pool: PointPool, fit: RevolutionFit, model: LoadModel, axes: Array) -> WheelSurface:
     """Choose the candidates and fit the wheel as it would be without the load."""
     lift = model.height((pool.points - fit.centre) @ fit.tilt_axes.T)
     still = replace(pool, points=pool.points - lift[:, None] * fit.normal)
-    fit = _turned(fit, model.turn)
+    fit = replace(_turned(fit, model.turn), centre=fit.centre + model.shift @ fit.tilt_axes)
     chosen = nearest_candidates(fit.height(still.points), pool.group, SURFACE_GATE)
     return fit_chosen(still, chosen, fit.normal, fit.centre, axes)
 
@@ -198,11 +331,17 @@ def _first_cells(pool: PointPool, fit: RevolutionFit, heads: int) -> Cells:
     return condense(points, weights, rest, fit, heads)
 
 
+def _condensed(points: PointPool, fit: RevolutionFit, heads: int) -> Cells:
+    rest = fit.height(points.points)
+    seen = np.isfinite(rest)
+    points, rest = points.where(seen), rest[seen]
+    return condense(points, local_weights(points, rest, fit, heads), rest, fit, heads)
+
+
 def _cells(surface: WheelSurface, model: LoadModel, before: RevolutionFit, heads: int) -> tuple[Cells, Array]:
     """Cells of heights with the load put back on, and the load at the cells."""
     fit, points = surface.fit, surface.points
-    rest = np.where(fit.weights > 0.0, fit.residuals, 0.0)
-    cells = condense(points, fit.weights, rest, fit, heads)
+    cells = condense(points, fit.weights, np.where(fit.weights > 0.0, fit.residuals, 0.0), fit, heads)
     places = (cells.points(fit) - before.centre) @ before.tilt_axes.T
     lift = model.height(places)
     return replace(cells, height=cells.height + lift), lift

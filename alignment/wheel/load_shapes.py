@@ -78,13 +78,38 @@ BULGES = (gaussian(24.0, 0.25), wave(32.0, 0.2), wave(22.0, 0.2))
 """What the weight does: half widths of 18 to 38°. Waves have two starts, for a fit from one may not reach the
 widths of the other."""
 
-_SIDE_WIDTHS = (36.0, 44.0, 54.0, 66.0)
-SIDE_SHIFTS = tuple(shape(width, 0.1) for width in _SIDE_WIDTHS for shape in (gaussian, cosine_power, wave))
+_HARMONICS = np.array([2.0, 3.0, 4.0, 5.0])
+_HARMONIC_SHARE = 0.1  # of the shape, by which each may change it
+
+
+def flexible(shape: Shape) -> Shape:
+    """The shape and, beside it, small even harmonics: what no family of functions says exactly."""
+    own = len(shape.mean)
+
+    def evaluate(angle: Array, parameters: Array) -> tuple[Array, Array]:
+        value, slopes = shape.evaluate(angle, parameters[:own])
+        waves = np.cos(_HARMONICS[:, None] * angle)
+        return value + parameters[own:] @ waves, np.vstack([slopes, waves])
+
+    return Shape(
+        evaluate,
+        np.concatenate([shape.mean, np.zeros(len(_HARMONICS))]),
+        np.concatenate([shape.deviation, np.full(len(_HARMONICS), _HARMONIC_SHARE)]),
+    )
+
+
+_SIDE_WIDTHS = (40.0, 56.0)
+SIDE_SHIFTS = tuple(flexible(shape(width, 0.25)) for width in _SIDE_WIDTHS for shape in (cosine_power, wave))
 """What a side force does; broader. One by one, because the fits of broad shapes have several minima."""
 
 
-def odd(angle: Array) -> Array:
-    """(n,) what a longitudinal force does, about the width of a bulge."""
-    ratio = angle / math.radians(30.0)
-    out: Array = ratio * np.exp(-0.5 * np.square(ratio))
-    return out
+def _odd(angle: Array, parameters: Array) -> tuple[Array, Array]:
+    ratio = angle / math.exp(parameters[0])
+    value = ratio * np.exp(-0.5 * np.square(ratio))
+    return value, (value * (np.square(ratio) - 1.0))[None]
+
+
+_ODD_WIDTH = np.array([math.log(math.radians(30.0))])
+ODD, ODD_BESIDE_SIDE_FORCE = (Shape(_odd, _ODD_WIDTH, np.array([spread])) for spread in (0.01, 0.3))
+"""What a longitudinal force does, about the width of a bulge; beside side force of a width that is less sure.
+With a bulge alone a free width would hide a head that moved."""
