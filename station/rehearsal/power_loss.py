@@ -22,6 +22,7 @@ from station.cycle import Outcome, WheelAnswer
 from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts
 from station.line.tools import Cable
 from station.line.wire import LineDatabase, ProtectedLink, VehicleReport, load_line_database, open_bus
+from station.rehearsal.nursery import Nursery
 from station.rehearsal.plc_process import PlcProcessOrder
 from station.rehearsal.processes import RehearsalProcess, read_lines
 from station.rehearsal.station_process import StationOrder
@@ -70,8 +71,9 @@ class _Kept:
 class PowerLossBench:
     """Station and controller over one cable, with one database; use `open_power_loss`."""
 
-    def __init__(self, folder: Path, dbc: Path, cable: Cable) -> None:
+    def __init__(self, folder: Path, dbc: Path, cable: Cable, nursery: Nursery) -> None:
         self._folder = folder
+        self._nursery = nursery
         self._dbc = dbc
         self._cable = cable
         self._url = f"sqlite:///{folder / 'results.db'}"
@@ -164,7 +166,7 @@ class PowerLossBench:
             steps,
             kill_at,
         )
-        with RehearsalProcess(_STATION, order) as process:
+        with RehearsalProcess(_STATION, order, self._nursery) as process:
             yield process
 
     @contextmanager
@@ -200,7 +202,7 @@ class PowerLossBench:
         order = PlcProcessOrder(
             "slcan", self._cable.ends[1], str(self._dbc), str(self._journal), vin, kill_at
         )
-        with RehearsalProcess(_PLC, order) as process:
+        with RehearsalProcess(_PLC, order, self._nursery) as process:
             process.wait(120.0)
 
     def _stored(self, vin: str) -> CycleRecord | None:
@@ -213,8 +215,8 @@ class PowerLossBench:
 @contextmanager
 def open_power_loss(folder: Path, dbc: Path) -> Iterator[PowerLossBench]:
     """Open a bench whose database, reports and journal are in the folder."""
-    with Cable() as cable:
-        yield PowerLossBench(folder, dbc, cable)
+    with Nursery(_STATION, _PLC) as nursery, Cable() as cable:
+        yield PowerLossBench(folder, dbc, cable, nursery)
 
 
 def kill_all(

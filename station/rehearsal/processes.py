@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from alignment.errors import LineTimeoutError
+from station.rehearsal.nursery import Copy, Nursery
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -30,6 +31,8 @@ class RehearsalProcess:
         Its name.
     order
         What it is told, as JSON on its command line.
+    nursery
+        What makes it from a process that has loaded the module; None for one that loads it itself.
 
     Raises
     ------
@@ -37,12 +40,17 @@ class RehearsalProcess:
         When it is not ready in time; what it wrote on standard error is there to read.
     """
 
-    def __init__(self, module: str, order: DataclassInstance) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", module, json.dumps(asdict(order))],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            cwd=Path(__file__).resolve().parents[2],
+    def __init__(self, module: str, order: DataclassInstance, nursery: Nursery | None = None) -> None:
+        told = json.dumps(asdict(order))
+        self._process: subprocess.Popen[bytes] | Copy = (
+            nursery.start(module, told)
+            if nursery is not None
+            else subprocess.Popen(
+                [sys.executable, "-m", module, told],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                cwd=Path(__file__).resolve().parents[2],
+            )
         )
         assert self._process.stdout is not None
         with selectors.DefaultSelector() as selector:
@@ -105,6 +113,9 @@ class RehearsalProcess:
             self.kill()
 
     def _close_pipes(self) -> None:
+        if isinstance(self._process, Copy):
+            self._process.close()
+            return
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
