@@ -13,6 +13,7 @@ from hypothesis import settings
 
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
 from tests import once
+from tests.turns import SLOW_S, in_turns
 
 settings.register_profile("truewheel", deadline=None, derandomize=True)
 settings.load_profile("truewheel")
@@ -21,8 +22,6 @@ SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 MEMORY, MEMORY_NEEDED = Path("/dev/shm"), 4e9
 TEMPORARY = "PYTEST_DEBUG_TEMPROOT"
 """Where pytest makes the folders of its tests."""
-SLOW_S = 5.0
-"""A test that takes longer alone, with what it sets up, carries the mark `slow`."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -41,10 +40,18 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.disable()
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than there are cores: tests wait for clocks and servers a fifth of their time."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores + 1
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the files with slow tests come first, so that none is begun when the other processes have ended."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Let every process begin with its share of the files with slow tests, those that take longest first.
+
+    Each begins with a piece of the list, all pieces equally long, and takes from others when it has ended.
+    """
+    items[:] = in_turns(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 
 
 def pytest_collection_finish() -> None:

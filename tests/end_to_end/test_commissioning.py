@@ -90,7 +90,7 @@ class Reader:
         path.write_text(kept[: kept.index("[[rigs]]")] + text)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(45)
 def test_whoever_follows_the_page_has_a_good_vehicle_at_its_end(
     truewheel: Truewheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -112,7 +112,7 @@ def test_whoever_follows_the_page_has_a_good_vehicle_at_its_end(
     assert sum("within tolerance" in " ".join(out.split()) for out in reader.said.values()) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.slow(17)
 def test_whoever_follows_the_readme_in_two_terminals_has_a_vehicle_measured(
     truewheel: Truewheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,7 +18,7 @@ from tests.end_to_end.conftest import CONFIGS, Truewheel
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(14)
 def test_one_vehicle_from_trigger_to_committed_result(truewheel: Truewheel, tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'results.sqlite'}"
     ended = truewheel("demo", "--vehicles", 1, "--database", url, "--out", tmp_path / "out", "--json")

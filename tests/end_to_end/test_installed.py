@@ -76,7 +76,7 @@ def run(program: Path, folder: Path, *arguments: str, timeout_s: float = 280.0) 
     return ended.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.slow(33)
 def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path: Path) -> None:
     """The wheel carried no configurations: outside of a checkout these verbs ended with status 2."""
     assert "wrote" in run(program, tmp_path, "init", "home")

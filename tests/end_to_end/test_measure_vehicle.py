@@ -17,6 +17,8 @@ import alignment.measure_spin
 from sensors.formats import read_image, write_image
 from tests.end_to_end.conftest import Ended, Truewheel, simulated
 
+pytestmark = pytest.mark.slow(1)  # All need a rendered vehicle, which takes eleven seconds.
+
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 YAW_DEG, OFFSET_MM = 0.4, -15.0
 

@@ -28,6 +28,7 @@ def seeing_vehicles(configs: Path) -> Path:
     return path
 
 
+@pytest.mark.slow(11)
 def test_vehicle_askew_before_rendered_rigs_has_its_own_toe(configs: Path) -> None:
     """The same images judged against the stand's axis are off by the vehicle's yaw."""
     configuration = read_configuration(seeing_vehicles(configs))

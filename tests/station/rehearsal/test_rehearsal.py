@@ -37,7 +37,7 @@ def bench(tmp_path: Path) -> Iterator[PowerLossBench]:
         yield bench
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_station_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
     names = bench.station_steps()
     assert names.index("before write_cycle") < names.index("before send_results")
@@ -55,7 +55,7 @@ def test_station_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
         assert (found.ended, found.stored) == (ended, stored)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(12)
 def test_controller_killed_at_steps_of_a_cycle(bench: PowerLossBench) -> None:
     names = bench.controller_steps()
     for step in (names.index("after journal order"), names.index("before journal result")):

@@ -47,7 +47,7 @@ def calibration() -> RigCalibration:
     return calibrated()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_wheel_grid_of_three_poses_with_a_calibration_from_a_plate(
     rig: StudyRig, calibration: RigCalibration
 ) -> None:
