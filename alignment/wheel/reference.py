@@ -228,9 +228,9 @@ def _broad_form(rows: Array, z: Array) -> tuple[Array, float]:
     """
     products = (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
     shape = (rows.shape[1], rows.shape[1])
-    weight = np.ones(len(z))
+    weight: Array = np.ones(len(z))
     scale = _FLOOR_MM
-    form = np.zeros(shape[0])
+    form: Array = np.zeros(shape[0])
     for round_ in range(_LEAST + _TUKEY):
         form = np.linalg.solve((weight @ products).reshape(shape), (weight * z) @ rows)
         left = np.abs(z - rows @ form)

@@ -54,10 +54,8 @@ from .validation import StrictModel as StrictModel
 from .validation import dump_json as dump_json
 from .validation import load_toml as load_toml
 from .validation import validate as validate
-from .vehicle import CORNERS as CORNERS
 from .vehicle import VEHICLE_FILE as VEHICLE_FILE
 from .vehicle import VEHICLE_TRUTH_FILE as VEHICLE_TRUTH_FILE
-from .vehicle import CornerName as CornerName
 from .vehicle import VehicleFile as VehicleFile
 from .vehicle import VehicleTruthFile as VehicleTruthFile
 from .vehicle import WheelOnVehicle as WheelOnVehicle

@@ -38,7 +38,7 @@ class Rollers:
     """
 
     speed: float = 3.0
-    interval_s: float = 0.14
+    interval_s: float = 0.28
     jitter: float = 0.2
     wander_mm: float = 1.0
     wander: float = math.radians(0.05)

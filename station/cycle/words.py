@@ -419,7 +419,7 @@ def vehicle_outcome(
 ) -> Outcome:
     """Verdict of the whole vehicle: of all its parts, and of every run-out that has a limit."""
     wheels = tuple(wheels)
-    parts = [answer.outcome for answer in (*wheels, *axles)]
+    parts = [wheel.outcome for wheel in wheels] + [axle.outcome for axle in axles]
     parts += [] if vehicle is None else [vehicle.outcome]
     parts += [Outcome.NOK for wheel in wheels if wheel.run_out_state is QuantityState.NOK]
     return overall_outcome(parts)

@@ -85,7 +85,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
     count, imaged = (QUICK_VEHICLES, QUICK_IMAGED) if quick else (VEHICLES, IMAGED)
     progress(0.0, "four rigs")
-    rigs = {name: placed_rig(name, seed) for name in FOUR_WHEELS}
+    rigs: dict[str, RigCalibration] = {name: placed_rig(name, seed) for name in FOUR_WHEELS}
     covariances = _covariances(rigs, seed)
     rng = np.random.default_rng([seed, 1])
     even, odd = _Found(), _Found()

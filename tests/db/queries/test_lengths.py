@@ -48,7 +48,8 @@ def vehicles(n: int = 24) -> list[CycleRecord]:
         good = 1510.125 <= track <= 1514.875
         turned = wheel(
             "front_left", kind=WheelKind.SPIN_AXIS, run_out=float(rng.uniform(0.1, 1.4)), run_out_u=0.05,
-            run_out_high=1.0, load_mm=0.25, toe_tyre_u=6e-6,
+            run_out_high=1.0, run_out_phase=float(rng.uniform(-3.0, 3.0)), run_out_phase_u=0.02, load_mm=0.25,
+            toe_tyre_u=6e-6,
         )  # fmt: skip
         accepted = good and turned.run_out_verdict is AngleVerdict.OK
         found.append(
