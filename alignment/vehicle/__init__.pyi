@@ -15,6 +15,7 @@ from .geometry import TYRE_WIDTH as TYRE_WIDTH
 from .geometry import VehicleGeometry as VehicleGeometry
 from .geometry import vehicle_geometry as vehicle_geometry
 from .placed import placing_covariance as placing_covariance
+from .placed import pose_by_frame as pose_by_frame
 from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
 from .wheel_axes import STEEL_PER_K as STEEL_PER_K
 from .wheel_axes import MeasuredAngles as MeasuredAngles

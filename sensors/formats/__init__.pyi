@@ -19,6 +19,7 @@ from .files import write_bytes as write_bytes
 from .files import write_folder as write_folder
 from .gauge_frame import GaugeFrame as GaugeFrame
 from .gauge_frame import GaugeFrameFile as GaugeFrameFile
+from .gauge_frame import WholeFrame as WholeFrame
 from .gauge_frame import read_gauge_frame as read_gauge_frame
 from .images import read_image as read_image
 from .images import write_image as write_image
