@@ -18,6 +18,8 @@ from alignment.geometry.transforms import RigidTransform
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
+SHARED_SIZE = 7
+"""Numbers of a gauge frame as a whole, as in `Placing.shared_covariance`."""
 VEHICLE_POSE_NAMES = tuple(f"vehicle_from_rig.{name}" for name in ("rx", "ry", "rz", "x_mm", "y_mm", "z_mm"))
 
 
@@ -33,6 +35,35 @@ class HeadCalibration:
     def cameras(self) -> tuple[PosedCamera, PosedCamera]:
         """Left, right."""
         return self.left, self.right
+
+
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """How well a view of a gauge frame put a rig into the vehicle frame, and what all rigs of it share.
+
+    Attributes
+    ----------
+    view
+        Names the frame and when it was seen. Rigs of one view share what is wrong with the frame as a whole.
+    pose_covariance
+        (6, 6) of `RigCalibration.vehicle_from_rig`, as at the end of its covariance: marks, the plate's
+        certificate, cameras where theirs is known, and what the rigs share.
+    shared_covariance
+        (7, 7) of what the rigs share: turn of the whole frame about X, Y and Z of the vehicle frame
+        (radians), its shift (millimetres), and its length over the stated one, less one.
+    """
+
+    view: str
+    pose_covariance: Array
+    shared_covariance: Array
+
+    def __post_init__(self) -> None:
+        for name, size in (("pose_covariance", 6), ("shared_covariance", SHARED_SIZE)):
+            matrix = getattr(self, name)
+            if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+                raise DegenerateInputError(
+                    field=name, expected=f"{size} × {size} finite numbers", seen=f"shape {matrix.shape}"
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +89,9 @@ class RigCalibration:
         rotation about its own axes (3, radians, see `RigidTransform.perturbed`), centre in the rig frame (3,
         millimetres), then `CameraModel.parameters`; at last, where it was measured, `vehicle_from_rig`:
         rotation about the rig's axes (3, radians), position in the vehicle frame (3, millimetres).
+    placing
+        Of the view that measured `vehicle_from_rig`; None where that is not known, as of older calibrations:
+        the rig is then taken to share nothing with others.
     """
 
     id: str
@@ -67,6 +101,7 @@ class RigCalibration:
     vehicle_from_rig: RigidTransform
     vehicle_from_rig_measured: bool = False
     covariance: Array | None = None
+    placing: Placing | None = None
 
     def __post_init__(self) -> None:
         if self.side not in ("left", "right"):

@@ -188,6 +188,10 @@ class ResultStore:
         """Store a zero measurement; the same again changes nothing, another one of the same id is refused."""
         self._write(record)
 
+    def record_zeros(self, records: Sequence[ZeroRecord]) -> None:
+        """Store the zero measurements of a whole vehicle: all of them, or none."""
+        self._write(*records)
+
     def revoke_zero(self, record: ZeroRevocation) -> None:
         """End a zero measurement; it stays stored, as do the results that it corrected.
 

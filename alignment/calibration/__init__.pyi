@@ -57,6 +57,7 @@ from .one_camera import nearest_rotation as nearest_rotation
 from .one_camera import posed as posed
 from .prediction import NominalWheel as NominalWheel
 from .prediction import angle_covariance as angle_covariance
+from .prediction import axis_sensitivity as axis_sensitivity
 from .prediction import point_covariance as point_covariance
 from .prediction import predict_angle_uncertainty as predict_angle_uncertainty
 from .prediction import wheel_points as wheel_points

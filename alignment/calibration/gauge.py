@@ -9,7 +9,7 @@ and much of that cancels.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from alignment.errors import DegenerateInputError
 from alignment.geometry.cameras import PosedCamera
 from alignment.geometry.transforms import RigidTransform, cross_matrices
 from alignment.units import ARCMIN
-from alignment.values import RigCalibration
+from alignment.values import SHARED_SIZE, Placing, RigCalibration
 from alignment.vehicle.angles import camber_toe
+from alignment.vehicle.placed import pose_by_frame
 
 _COVERAGE_FACTOR = 2.0
 _OUTBOARD = np.array([0.0, 0.0, 1.0])
@@ -46,11 +47,17 @@ class CertifiedPlate:
         Standard uncertainty of each coordinate of its origin.
     angle_sigma
         Standard uncertainty of its rotation about each of its axes, radians.
+    view
+        Names the frame and when it was seen; the same for all rigs that saw it then.
+    shared_covariance
+        (7, 7) of the frame as a whole, as in `Placing`.
     """
 
     vehicle_from_plate: RigidTransform
     position_sigma_mm: float
     angle_sigma: float
+    view: str = "gauge frame"
+    shared_covariance: Array = field(default_factory=lambda: np.zeros((SHARED_SIZE, SHARED_SIZE)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +72,7 @@ class PlacedRig:
         Pose of the plate in the rig frame.
     pose_covariance
         (6, 6) of `vehicle_from_rig` (rotation about the rig's axes, position in the vehicle frame): marks,
-        certificate and, where known, cameras.
+        certificate, the frame as a whole and, where known, cameras.
     transfer_covariance
         (6, 6) the same without the certificate.
     marks
@@ -175,7 +182,8 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
     known = calibration.covariance
     own = turn @ solution.covariance @ turn.T
     sigmas = np.array([certified.angle_sigma] * 3 + [certified.position_sigma_mm] * 3)
-    of_certificate = (stated * sigmas**2) @ stated.T
+    of_frame = pose_by_frame(vehicle_from_rig)
+    of_certificate = (stated * sigmas**2) @ stated.T + of_frame @ certified.shared_covariance @ of_frame.T
     covariance = None
     if known is not None:
         size = len(calibration.camera_parameter_names)
@@ -188,6 +196,7 @@ def place_rig(data: CalibrationInput, calibration: RigCalibration, certified: Ce
         vehicle_from_rig=vehicle_from_rig,
         vehicle_from_rig_measured=True,
         covariance=covariance,
+        placing=Placing(certified.view, own + of_certificate, certified.shared_covariance),
     )
     before, after = (
         camber_toe(pose.apply_vectors(_OUTBOARD), calibration.side)

@@ -14,9 +14,12 @@ from .geometry import TEMPERATURE as TEMPERATURE
 from .geometry import TYRE_WIDTH as TYRE_WIDTH
 from .geometry import VehicleGeometry as VehicleGeometry
 from .geometry import vehicle_geometry as vehicle_geometry
+from .placed import placing_covariance as placing_covariance
+from .placed import pose_by_frame as pose_by_frame
 from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
 from .wheel_axes import STEEL_PER_K as STEEL_PER_K
 from .wheel_axes import MeasuredAngles as MeasuredAngles
 from .wheel_axes import Stand as Stand
 from .wheel_axes import TyreWidths as TyreWidths
+from .wheel_axes import VehicleWheel as VehicleWheel
 from .wheel_axes import WheelAxis as WheelAxis

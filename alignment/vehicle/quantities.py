@@ -159,13 +159,13 @@ def of_four_wheels(
         -length.value * sine, -sine * length.by_state - length.value * cosine * thrust.by_state
     )
     middle = (middles[FRONT] + middles[REAR]) * 0.5
-    for name, point, axis in (
+    for length_name, point, axis in (
         ("offset_front", middles[FRONT], 1),
         ("offset_rear", middles[REAR], 1),
         ("place_x", middle, 0),
         ("place_y", middle, 1),
     ):
-        rows[name] = Scalar(float(point.value[axis]), point.by_state[axis])
+        rows[length_name] = Scalar(float(point.value[axis]), point.by_state[axis])
     return between, rows
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
 from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
-from alignment.values import SIDES, RigCalibration, Side, WheelReference
+from alignment.values import RigCalibration, Side, WheelReference
 from alignment.vehicle.angles import SIGN, normal_from_angles
 
 FRONT, REAR = "front", "rear"
-FOUR_WHEELS = tuple(f"{axle}_{side}" for axle in (FRONT, REAR) for side in SIDES)
+VehicleWheel = Literal["front_left", "front_right", "rear_left", "rear_right"]
+"""Position of a wheel on a vehicle with two axles."""
+FOUR_WHEELS: tuple[VehicleWheel, ...] = get_args(VehicleWheel)
 """Wheels of a vehicle with two axles, in the order of every joint covariance."""
 AXIS_SIZE = 5
 """Numbers of one wheel: camber, toe, then X, Y and Z of its reference point."""

@@ -4,8 +4,11 @@ from .revolution import RevolutionFit as RevolutionFit
 from .revolution import fit_revolution as fit_revolution
 from .revolution import least_covariance as least_covariance
 from .series import FEWEST_EXPOSURES as FEWEST_EXPOSURES
+from .series import LEAST_TURN as LEAST_TURN
 from .series import MOST_EXPOSURES as MOST_EXPOSURES
 from .series import SeriesRules as SeriesRules
+from .series import fit_series as fit_series
+from .series import most_turn as most_turn
 from .spin import SpinMeasurement as SpinMeasurement
 from .spin import run_out_mm as run_out_mm
 from .zero import ZeroCorrection as ZeroCorrection

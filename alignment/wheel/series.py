@@ -21,11 +21,16 @@ from alignment.values import Refusal, RefusalCode, Side, WheelMeasurement
 from alignment.vehicle.angles import camber_toe, camber_toe_jacobian
 from alignment.wheel.normals import Scatter, normals_of
 from alignment.wheel.places import jump_of_place
-from alignment.wheel.spin import SpinMeasurement, covered_by
+from alignment.wheel.spin import SHORTEST_TURN, SpinMeasurement, covered_by
 from alignment.wheel.wander import WanderingCone, fit_wandering_cone
 
 FEWEST_EXPOSURES, MOST_EXPOSURES = 12, 64
 """Of a series; fewer cannot tell a wander from a run-out."""
+LEAST_TURN = math.radians(600.0)
+"""From the first exposure to the last, unless somebody says otherwise: a wander of ±3′ then costs the mean
+axis 0.1′ (95 %), and twice that when they go round once."""
+_LEAST_PART = math.radians(270.0)
+_MOST_STEP = math.radians(170.0)
 _LARGEST_REST = 0.15 * ARCMIN  # of normals that are neither cone nor slow way
 _HEALED = 0.25  # of the rest, that may be left without the one exposure that is to blame
 _UNEVEN = 0.12  # radians by which a turn may be uneven where it is taken for steady, root mean square
@@ -45,7 +50,8 @@ class SeriesRules:
     exposures
         How many it has, from 12 to 64.
     least_turn
-        Least turn of the wheel that they cover, radians: a full turn less the largest gap.
+        Least turn of the wheel from the first of them to the last, radians. They must also cover as much of
+        the circle, a full turn less the largest gap, but no more of it than 270°.
 
     Raises
     ------
@@ -54,7 +60,7 @@ class SeriesRules:
     """
 
     exposures: int = 16
-    least_turn: float = math.radians(270.0)
+    least_turn: float = LEAST_TURN
 
     def __post_init__(self) -> None:
         if not FEWEST_EXPOSURES <= self.exposures <= MOST_EXPOSURES:
@@ -63,14 +69,20 @@ class SeriesRules:
                 expected=f"{FEWEST_EXPOSURES} to {MOST_EXPOSURES}",
                 seen=f"{self.exposures}",
             )
-        most = 2.0 * math.pi * (1.0 - 1.0 / self.exposures)
-        if not math.radians(120.0) <= self.least_turn < most:
+        most = most_turn(self.exposures)
+        if not SHORTEST_TURN <= self.least_turn <= most:
             raise DegenerateInputError(
                 field="least_turn",
-                expected=f"at least 120° and less than the {math.degrees(most):.0f}° that "
-                f"{self.exposures} exposures can cover of a turn",
+                expected=f"{math.degrees(SHORTEST_TURN):.0f} to the {math.degrees(most):.0f}° that "
+                f"{self.exposures} exposures can tell of",
                 seen=f"{math.degrees(self.least_turn):g}°",
             )
+
+
+def most_turn(exposures: int) -> float:
+    """Longest turn that so many exposures tell of, radians: beyond half a turn from each to the next it looks
+    like one the other way round."""
+    return _MOST_STEP * (exposures - 1)
 
 
 def fit_series(
@@ -120,15 +132,8 @@ def fit_series(
     found = spin_of(scatter, cone, side, onto, measurements)
     if found.run_out is None:
         return found if turned is not None and turned() else _no_turn(turned is not None)
-    assert found.covered_turn is not None
-    if found.covered_turn < rules.least_turn:
-        return Refusal(
-            RefusalCode.TURN_TOO_SHORT,
-            f"the exposures cover {math.degrees(found.covered_turn):.0f}° of a turn, at least "
-            f"{math.degrees(rules.least_turn):.0f}° are needed; let the rollers turn the wheel further, best "
-            "twice round",
-        )
-    return found
+    short = _short_of(rules, found)
+    return found if short is None else short
 
 
 def fit_turning_axis(
@@ -279,6 +284,22 @@ def _astray(scatter: Scatter, cone: WanderingCone, at: Array, counted: Sequence[
         f"{cone.farthest / ARCMIN:.1f}′; something moves that is not slow against a turn of the wheel (at "
         f"most {_LARGEST_REST / ARCMIN:.2g}′ and {_FARTHEST_WAY / ARCMIN:.0f}′): check that steering and "
         "vehicle are held, and that all exposures are of one wheel",
+    )
+
+
+def _short_of(rules: SeriesRules, found: SpinMeasurement) -> Refusal | None:
+    """Refuse a turn that is too short."""
+    assert found.covered_turn is not None
+    assert found.turned is not None
+    turned, part = abs(found.turned), min(rules.least_turn, _LEAST_PART)
+    if turned >= rules.least_turn and found.covered_turn >= part:
+        return None
+    return Refusal(
+        RefusalCode.TURN_TOO_SHORT,
+        f"the wheel turned by {math.degrees(turned):.0f}° and its exposures cover "
+        f"{math.degrees(found.covered_turn):.0f}° of a turn, at least "
+        f"{math.degrees(rules.least_turn):.0f}° and {math.degrees(part):.0f}° are needed; let the rollers "
+        "turn the wheel further, best twice round, and the exposures be out of step with it",
     )
 
 

@@ -20,7 +20,7 @@ from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
-from db.records.angle_verdicts import Verdict
+from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
 from db.records.geometry import GeometryRecord
 from db.records.plain import as_read_back, check_values
 
@@ -188,6 +188,14 @@ class WheelRecord:
     def __post_init__(self) -> None:
         check_values(self)
 
+    @property
+    def run_out_verdict(self) -> AngleVerdict:
+        """Verdict of the run-out, which that of the wheel does not hold."""
+        return judge_angle(
+            self.run_out, self.run_out_u, None, self.run_out_high,
+            guard_band=self.guard_band, coverage_factor=self.coverage_factor, part=self.verdict,
+        )[0]  # fmt: skip
+
 
 @dataclass(frozen=True)
 class AxleRecord:
@@ -299,8 +307,9 @@ class CycleRecord:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdicts of wheels, axles, vehicle angles and geometry."""
+        """The verdicts of wheels, axles, vehicle angles and geometry, and of run-outs beyond their limits."""
         whole = [part.verdict for part in (self.vehicle_angles, self.geometry) if part is not None]
+        whole += [Verdict.NOK for wheel in self.wheels if wheel.run_out_verdict is AngleVerdict.NOK]
         return (*(wheel.verdict for wheel in self.wheels), *(axle.verdict for axle in self.axles), *whole)
 
     def _check_outcome(self) -> None:

@@ -19,6 +19,7 @@ from .files import write_bytes as write_bytes
 from .files import write_folder as write_folder
 from .gauge_frame import GaugeFrame as GaugeFrame
 from .gauge_frame import GaugeFrameFile as GaugeFrameFile
+from .gauge_frame import WholeFrame as WholeFrame
 from .gauge_frame import read_gauge_frame as read_gauge_frame
 from .images import read_image as read_image
 from .images import write_image as write_image
@@ -54,10 +55,8 @@ from .validation import StrictModel as StrictModel
 from .validation import dump_json as dump_json
 from .validation import load_toml as load_toml
 from .validation import validate as validate
-from .vehicle import CORNERS as CORNERS
 from .vehicle import VEHICLE_FILE as VEHICLE_FILE
 from .vehicle import VEHICLE_TRUTH_FILE as VEHICLE_TRUTH_FILE
-from .vehicle import CornerName as CornerName
 from .vehicle import VehicleFile as VehicleFile
 from .vehicle import VehicleTruthFile as VehicleTruthFile
 from .vehicle import WheelOnVehicle as WheelOnVehicle

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from os import PathLike
@@ -16,7 +17,7 @@ from alignment.believable import LARGEST_TURN, place_problem, pose_slip, side_in
 from alignment.counting import listed
 from alignment.errors import DegenerateInputError
 from alignment.geometry import CameraModel, PosedCamera, RigidTransform
-from alignment.values import HeadCalibration, RigCalibration, Side
+from alignment.values import SHARED_SIZE, HeadCalibration, Placing, RigCalibration, Side
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
@@ -107,28 +108,80 @@ class Covariance(StrictModel):
 
     @model_validator(mode="after")
     def _is_covariance(self) -> Covariance:
-        lengths = {len(row) for row in self.matrix}
         size = len(self.parameters)
-        if len(self.matrix) != size or lengths != {size}:
+        if len(self.matrix) != size:
             raise DegenerateInputError(
                 field="matrix",
                 expected=f"{size} × {size} numbers, one row for each parameter",
-                seen=f"{len(self.matrix)} rows of {listed(sorted(lengths))}",
+                seen=f"{len(self.matrix)} rows of {listed(sorted({len(row) for row in self.matrix}))}",
             )
-        matrix = np.array(self.matrix)
-        deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-        scale = np.outer(deviations, deviations)
-        known = scale > 0
-        scaled = np.where(known, matrix / np.where(known, scale, 1.0), np.where(matrix == 0, 0.0, np.inf))
-        if (
-            not np.isfinite(scaled).all()
-            or np.abs(scaled - scaled.T).max() > _ASYMMETRY
-            or np.linalg.eigvalsh(scaled).min() < -_NEGATIVITY * size
-        ):
-            raise DegenerateInputError(
-                field="matrix", expected="a symmetric matrix without negative variance", seen="another"
-            )
+        check_covariance("matrix", self.matrix)
         return self
+
+
+_Numbers = tuple[Annotated[float, Field(ge=-1e12, le=1e12)], ...]
+
+
+class PlacingEntry(StrictModel):
+    """How well a view of a gauge frame put the rig into the vehicle frame, and what all rigs of it share."""
+
+    view: str = Field(
+        min_length=1,
+        max_length=200,
+        description="Names the frame and when it was seen; rigs with the same one share the second matrix",
+    )
+    pose_covariance: tuple[_Numbers, ...] = Field(
+        min_length=6,
+        max_length=6,
+        description="6 × 6 of vehicle_from_rig: rx ry rz (radians, about the rig's axes), x_mm y_mm z_mm; "
+        "what the rigs share included",
+    )
+    shared_covariance: tuple[_Numbers, ...] = Field(
+        min_length=SHARED_SIZE,
+        max_length=SHARED_SIZE,
+        description="7 × 7 of the frame as a whole: its turn about X, Y and Z of the vehicle frame "
+        "(radians), its shift (mm), its length over the stated one, less one",
+    )
+
+    @model_validator(mode="after")
+    def _are_covariances(self) -> PlacingEntry:
+        for name in ("pose_covariance", "shared_covariance"):
+            check_covariance(name, getattr(self, name))
+        return self
+
+    def placing(self) -> Placing:
+        """Return the value that the mathematics uses."""
+        return Placing(self.view, np.array(self.pose_covariance), np.array(self.shared_covariance))
+
+
+def check_covariance(field: str, rows: Sequence[Sequence[float]]) -> None:
+    """Refuse a matrix that is no covariance.
+
+    Raises
+    ------
+    DegenerateInputError
+        When it is not square, not symmetric, or has a negative variance.
+    """
+    lengths, size = {len(row) for row in rows}, len(rows)
+    if lengths != {size}:
+        raise DegenerateInputError(
+            field=field,
+            expected=f"{size} × {size} numbers, one row for each parameter",
+            seen=f"{size} rows of {listed(sorted(lengths))}",
+        )
+    matrix = np.array(rows)
+    deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.outer(deviations, deviations)
+    known = scale > 0
+    scaled = np.where(known, matrix / np.where(known, scale, 1.0), np.where(matrix == 0, 0.0, np.inf))
+    if (
+        not np.isfinite(scaled).all()
+        or np.abs(scaled - scaled.T).max() > _ASYMMETRY
+        or np.linalg.eigvalsh(scaled).min() < -_NEGATIVITY * size
+    ):
+        raise DegenerateInputError(
+            field=field, expected="a symmetric matrix without negative variance", seen="another"
+        )
 
 
 def check_side(rig: str, side: Side) -> None:
@@ -166,6 +219,11 @@ class CalibrationFile(StrictModel):
     )
     covariance: Covariance | None = Field(
         default=None, description="Joint covariance of all parameters, null where it is not known"
+    )
+    placing: PlacingEntry | None = Field(
+        default=None,
+        description="Of the view of the gauge frame that measured vehicle_from_rig, null where none did or "
+        "where it is not known: the rig is then taken to share nothing with others",
     )
 
     @model_validator(mode="after")
@@ -217,6 +275,7 @@ class CalibrationFile(StrictModel):
             ),
             vehicle_from_rig=self.vehicle_from_rig.transform(),
             vehicle_from_rig_measured=self.vehicle_from_rig.measured,
+            placing=None if self.placing is None else self.placing.placing(),
         )
         if self.covariance is None:
             return known
@@ -304,6 +363,13 @@ def describe_calibration(
         "covariance": None
         if covariance is None
         else {"parameters": list(calibration.parameter_names), "matrix": covariance.tolist()},
+        "placing": None
+        if calibration.placing is None
+        else {
+            "view": calibration.placing.view,
+            "pose_covariance": calibration.placing.pose_covariance.tolist(),
+            "shared_covariance": calibration.placing.shared_covariance.tolist(),
+        },
     }
     return validate(CalibrationFile, data, file=path)
 

@@ -8,12 +8,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from alignment.arrays import Array
 from alignment.believable import NEAREST_MM, place_problem, side_in_name
 from alignment.counting import listed
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.geometry import RigidTransform
+from alignment.units import ARCMIN
 from sensors.formats.calibration import Pose
 from sensors.formats.plate import PlateDescription, read_plate
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
@@ -31,6 +34,36 @@ class GaugePlateEntry(StrictModel):
     )
 
 
+class WholeFrame(StrictModel):
+    """What is not known of the frame as a whole: standard uncertainties that all rigs of a view share."""
+
+    tilt_sigma_arcmin: float = Field(
+        default=0.0,
+        ge=0,
+        le=5,
+        description="About X and Y each, as it rests on the wheel supports, arcminutes",
+    )
+    yaw_sigma_arcmin: float = Field(
+        default=0.0, ge=0, le=60, description="About Z, against the stand's centre plane, arcminutes"
+    )
+    position_sigma_mm: float = Field(
+        default=0.0, ge=0, le=20, description="Of its place on the stand, each coordinate, millimetres"
+    )
+    length_sigma_ppm: float = Field(
+        default=0.0,
+        ge=0,
+        le=1000,
+        description="Of its length over the certified one, parts per million: the scale of what measured "
+        "it, and its temperature when it was seen (steel: 12 per kelvin)",
+    )
+
+    def covariance(self) -> Array:
+        """(7, 7) as `alignment.values.Placing.shared_covariance`."""
+        tilt, yaw = self.tilt_sigma_arcmin * ARCMIN, self.yaw_sigma_arcmin * ARCMIN
+        sigmas = [tilt, tilt, yaw, *[self.position_sigma_mm] * 3, 1e-6 * self.length_sigma_ppm]
+        return np.diag(np.square(sigmas))
+
+
 class GaugeFrameFile(StrictModel):
     """What describes a gauge frame."""
 
@@ -43,6 +76,9 @@ class GaugeFrameFile(StrictModel):
     )
     angle_sigma_arcmin: float = Field(
         ge=1e-3, le=5, description="Standard uncertainty of a plate's rotation about each axis, arcminutes"
+    )
+    whole: WholeFrame = Field(
+        default=WholeFrame(), description="What is not known of the frame as a whole; left out: nothing"
     )
     plates: tuple[GaugePlateEntry, ...] = Field(
         min_length=1, max_length=16, description="The plates, one for each rig"

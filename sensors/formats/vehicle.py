@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from alignment.vehicle import VehicleWheel
 from sensors.formats.files import write_bytes
 from sensors.formats.truth import LoadOptions
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
@@ -23,9 +24,6 @@ _Length = Annotated[float, Field(ge=500, le=10_000)]
 _Small = Annotated[float, Field(ge=-1000, le=1000)]
 _Place = Annotated[float, Field(ge=-10_000, le=10_000)]
 _Width = Annotated[float, Field(ge=50, le=500)]
-CornerName = Literal["front_left", "front_right", "rear_left", "rear_right"]
-"""Position of a wheel on a vehicle with two axles."""
-CORNERS: tuple[CornerName, ...] = get_args(CornerName)
 
 
 class VehicleFile(StrictModel):
@@ -50,7 +48,7 @@ class VehicleFile(StrictModel):
     road_z_mm: float | None = Field(
         default=None, ge=-2000, le=2000, description="Height of the wheel supports in the stand's frame"
     )
-    rigs: dict[CornerName, Name] = Field(
+    rigs: dict[VehicleWheel, Name] = Field(
         min_length=1, description="By position of the wheel, the name of its rig and of its folder"
     )
 
@@ -85,7 +83,7 @@ class VehicleTruthFile(StrictModel):
         default="truewheel.vehicle-truth/1", alias="schema", description="Kind and version of this file"
     )
     seed: int = Field(ge=0, lt=2**64, description="Of the vehicle and its images")
-    wheels: dict[CornerName, WheelOnVehicle] = Field(description="By position")
+    wheels: dict[VehicleWheel, WheelOnVehicle] = Field(description="By position")
     total_toe_front_deg: _Degrees = Field(description="Left and right together")
     total_toe_rear_deg: _Degrees = Field(description="The same of the rear axle")
     thrust_angle_deg: _Degrees = Field(description="Against the centreline; positive: steers to the left")

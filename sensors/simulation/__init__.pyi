@@ -1,4 +1,5 @@
 from .deformation import Wobble as Wobble
+from .driver import SimulatedOptions as SimulatedOptions
 from .optics import Optics as Optics
 from .optics import develop as develop
 from .plate_session import TILT as TILT

@@ -25,7 +25,7 @@ class RollerOptions(StrictModel):
     speed_deg_s: float = Field(
         default=170.0, ge=-720, le=720, description="Of the wheel, degrees per second, forward"
     )
-    interval_s: float = Field(default=0.14, gt=0, le=10, description="Mean time between exposures, seconds")
+    interval_s: float = Field(default=0.28, gt=0, le=10, description="Mean time between exposures, seconds")
     wander_mm: float = Field(
         default=1.0, ge=0, le=20, description="Most that the wheel's centre wanders, slowly"
     )

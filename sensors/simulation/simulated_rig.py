@@ -110,7 +110,7 @@ class SimulatedRig(Rig):
         wheels: WheelSource | None = None,
     ) -> None:
         # Rendering takes its time, but all cameras expose at one moment.
-        self._exposed_s = 0.0
+        self._exposed_s = self._armed_s = 0.0
         heads = [
             StereoHead(head.name, *(self._camera(calibration, index, side) for side in ("left", "right")))
             for index, head in enumerate(calibration.heads)
@@ -147,6 +147,7 @@ class SimulatedRig(Rig):
         """Put the next wheel there, then arm the cameras."""
         self._wheels += 1
         self._exposures = 0
+        self._armed_s = time.monotonic()
         self._scene = self._turning = self._seen = None
         super().arm()
 
@@ -155,6 +156,10 @@ class SimulatedRig(Rig):
         self._exposed_s = time.monotonic()
         self._exposures += 1
         self._seen = None
+        self._wheel()
+        if self._turning is not None:
+            # Rendering takes longer than the rollers' interval: the cameras' clock is that of the wheel.
+            self._exposed_s = self._armed_s + self._turning.time_s(self._exposures)
         return super().shoot(timeout_s)
 
     def _wheel(self) -> WheelScene:

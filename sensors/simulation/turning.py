@@ -38,7 +38,7 @@ class Rollers:
     """
 
     speed: float = 3.0
-    interval_s: float = 0.14
+    interval_s: float = 0.28
     jitter: float = 0.2
     wander_mm: float = 1.0
     wander: float = math.radians(0.05)
@@ -71,12 +71,16 @@ class TurningWheel:
         self._jitter = rng.spawn(1)[0]
         self._times: list[float] = []
 
-    def exposure(self, number: int) -> WheelScene:
-        """Return the wheel as exposure `number`, from 1, sees it; any order, always the same."""
+    def time_s(self, number: int) -> float:
+        """Return when exposure `number` is taken, seconds after about the first; always the same."""
         while len(self._times) < number:
             late = self._jitter.uniform(-self._rollers.jitter, self._rollers.jitter)
             self._times.append((len(self._times) + late) * self._rollers.interval_s)
-        time_s, rollers, pose = self._times[number - 1], self._rollers, self._scene.pose
+        return self._times[number - 1]
+
+    def exposure(self, number: int) -> WheelScene:
+        """Return the wheel as exposure `number`, from 1, sees it; any order, always the same."""
+        time_s, rollers, pose = self.time_s(number), self._rollers, self._scene.pose
         swing = np.sin(2.0 * math.pi * time_s / self._periods + self._phases)
         x, y, z = (float(c) for c in pose.offset_mm + rollers.wander_mm * swing[:3])
         moved = replace(

@@ -17,9 +17,8 @@ import numpy as np
 from alignment.arrays import Array
 from alignment.geometry import RigidTransform
 from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
-from alignment.vehicle import normal_from_angles
+from alignment.vehicle import FOUR_WHEELS, normal_from_angles
 from sensors.formats.truth import TyreLoad
-from sensors.formats.vehicle import CORNERS
 from sensors.simulation.deformation import Wobble
 from sensors.simulation.rigs import RIG_SPECS, RigSpec, build_projectors
 from sensors.simulation.scene import RUN_OUT_RADIUS_MM, WheelPose, WheelScene
@@ -166,7 +165,9 @@ class Vehicle:
         origin = middle + inboard * normal_from_angles(camber, toe, side)
         x, y, z = (float(c) for c in stand.rigs[wheel].vehicle_from_rig.inverse().apply(origin))
         pose = replace(corner.pose, camber=camber, toe=toe, offset_mm=(x, y, z))
-        projectors = build_projectors(stand.spec, np.random.default_rng([self.seed, 4, CORNERS.index(wheel)]))
+        projectors = build_projectors(
+            stand.spec, np.random.default_rng([self.seed, 4, FOUR_WHEELS.index(wheel)])
+        )
         return WheelScene(
             side, pose, self.tyre, projectors, seed=self.seed, load=corner.load, wobble=corner.wobble
         )
@@ -206,7 +207,7 @@ def build_stand(
     millimetres off; its calibration says how. `light` exchanges the preset's own pattern.
     """
     rigs: dict[str, RigCalibration] = {}
-    for number, wheel in enumerate(CORNERS):
+    for number, wheel in enumerate(FOUR_WHEELS):
         side = side_of(wheel)
         rng = np.random.default_rng([seed, 5, number])
         built = true_calibration(wheel, side, preset, int(rng.integers(2**32)))
@@ -266,7 +267,7 @@ def draw_vehicle(
     spec, draw = spec or VehicleSpec(), draw or VehicleDraw()
     middles = _middles(spec, draw, np.random.default_rng([seed, 6]))
     corners: dict[str, Corner] = {}
-    for number, wheel in enumerate(CORNERS):
+    for number, wheel in enumerate(FOUR_WHEELS):
         rng = np.random.default_rng([seed, 7, number])
         front = wheel.startswith("front")
         camber, toe = (values[0 if front else 1] for values in (spec.camber, spec.toe))
@@ -303,7 +304,7 @@ def _middles(spec: VehicleSpec, draw: VehicleDraw, rng: np.random.Generator) -> 
     """Middles of four wheels (4, 3) whose axles' midpoints lie on X, as far before the origin as behind."""
     half = np.array([0.0, 0.5 * spec.tyre_width_mm, 0.0])
     nominal = [
-        _nominal_place(spec, wheel) - (half if side_of(wheel) == "left" else -half) for wheel in CORNERS
+        _nominal_place(spec, wheel) - (half if side_of(wheel) == "left" else -half) for wheel in FOUR_WHEELS
     ]
     drawn = np.array(nominal) + rng.normal(0.0, draw.place_mm, (4, 3))
     front, rear = drawn[:2].mean(axis=0), drawn[2:].mean(axis=0)

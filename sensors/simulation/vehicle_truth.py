@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.vehicle import normal_from_angles
+from alignment.vehicle import FOUR_WHEELS, normal_from_angles
 from sensors.formats.truth import LoadOptions, WheelTruth
-from sensors.formats.vehicle import CORNERS, VehicleTruthFile, WheelOnVehicle
+from sensors.formats.vehicle import VehicleTruthFile, WheelOnVehicle
 from sensors.simulation.vehicle import ROAD_Z_MM, SimulatedStand, Vehicle, side_of
 
 
@@ -39,7 +39,7 @@ def truth_of_vehicle(
     turned
         Whether the wheels were turned between exposures.
     """
-    wheels: dict[str, _Stood] = {wheel: _stood(vehicle, stand, wheel, truths[wheel]) for wheel in CORNERS}
+    wheels: dict[str, _Stood] = {wheel: _stood(vehicle, stand, wheel, truths[wheel]) for wheel in FOUR_WHEELS}
     front, rear = (
         0.5 * (wheels[f"{axle}_left"].middle + wheels[f"{axle}_right"].middle) for axle in ("front", "rear")
     )
@@ -47,8 +47,8 @@ def truth_of_vehicle(
     yaw = math.atan2(along[1], along[0])
     x, y = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     # A vehicle that has turned to the left shows the stand less toe on the left.
-    own = {wheel: math.degrees(yaw if side_of(wheel) == "left" else -yaw) for wheel in CORNERS}
-    toe = {wheel: truths[wheel].toe_deg + own[wheel] for wheel in CORNERS}
+    own = {wheel: math.degrees(yaw if side_of(wheel) == "left" else -yaw) for wheel in FOUR_WHEELS}
+    toe = {wheel: truths[wheel].toe_deg + own[wheel] for wheel in FOUR_WHEELS}
     across = {
         axle: wheels[f"{axle}_left"].contact - wheels[f"{axle}_right"].contact for axle in ("front", "rear")
     }
@@ -65,7 +65,7 @@ def truth_of_vehicle(
         seed=vehicle.seed,
         wheels={
             wheel: _wheel(vehicle, wheel, truths[wheel], toe[wheel], own[wheel], wheels[wheel], turned)
-            for wheel in CORNERS
+            for wheel in FOUR_WHEELS
         },
         total_toe_front_deg=toe["front_left"] + toe["front_right"],
         total_toe_rear_deg=toe["rear_left"] + toe["rear_right"],

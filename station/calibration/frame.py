@@ -138,6 +138,8 @@ def _place(
         frame.plates[session.rig].vehicle_from_plate,
         frame.file.position_sigma_mm,
         frame.file.angle_sigma_arcmin * ARCMIN,
+        f"{frame.file.name}, seen {now_utc.isoformat(timespec='seconds')}",
+        frame.file.whole.covariance(),
     )
     placed = place_rig(data, known, certified)
     return judged_rig(placed, known, now_utc, forced_reason)

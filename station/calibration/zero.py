@@ -167,7 +167,7 @@ def _unbelievable(measured: tuple[float, float], master: MasterWheel, largest: f
         choice="camber, toe",
         expected=f"certified angles within {in_arcminutes(largest)} of the measured camber "
         f"{math.degrees(measured[0]):.3f}° and toe {math.degrees(measured[1]):.3f}°",
-        seen=", ".join(seen),
+        seen=f"{', '.join(seen)}, of '{master.name}'",
         cure=cure,
         remedy=Remedy(Deed.FORCE),
     )

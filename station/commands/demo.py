@@ -33,6 +33,9 @@ def demo(
         typer.Option(help="Folder for CAN log and database.", show_default="out/demo- and the time"),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the vehicles' angles.", min=0, max=99_999)] = 0,
+    load_mm: Annotated[
+        float, typer.Option(help="Bulge of the front tyres under load; 0: wheels in the air.", min=0, max=8)
+    ] = 4.0,
     config: Annotated[
         Path | None, typer.Option(help="A station with simulated rigs.", show_default="configs/station.toml")
     ] = None,
@@ -54,7 +57,7 @@ def demo(
     ready_database(database, create=True)
     folder = out or Path("out") / f"demo-{datetime.now(UTC):%Y-%m-%dT%H-%M-%S}"
     configuration = read_configuration(default_config(config))
-    compiled_for(("measure_8", "wheel_images"), as_json)
+    compiled_for(("measure_8", "deformed_wheel_images" if load_mm else "wheel_images"), as_json)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
     wheels = vehicles * len(configuration.settings.rigs)
@@ -75,7 +78,7 @@ def demo(
                 typer.echo(f"{next(done)} of {count_of(wheels, 'wheel')}", err=True)
 
         result = run_demo(
-            demo_configuration(configuration, url, folder / "can.log"),
+            demo_configuration(configuration, url, folder / "can.log", load_mm),
             vehicles,
             seed,
             wheel_done,

@@ -20,20 +20,6 @@ if TYPE_CHECKING:
     from sensors.formats import VehicleFile
 
 _ANGLES = ("thrust_angle", "yaw")
-_LENGTHS = (
-    "wheelbase_left",
-    "wheelbase_right",
-    "wheelbase_difference",
-    "track_front",
-    "track_rear",
-    "sidewall_track_front",
-    "sidewall_track_rear",
-    "setback_front",
-    "setback_rear",
-    "axle_offset",
-    "place_x",
-    "place_y",
-)
 
 
 def measure_vehicle_command(
@@ -183,16 +169,18 @@ def geometry_of_wheels(
 ) -> VehicleGeometry | None:
     """The vehicle in its own frame; None when no axle is left."""
     from alignment.errors import DegenerateInputError, FormatError
-    from alignment.vehicle import TyreWidths, vehicle_geometry
+    from alignment.vehicle import TyreWidths, placing_covariance, vehicle_geometry
 
     axes = {one.recorded.wheel: one.axis for one in wheels if one.axis is not None}
     names = [name.rpartition("_")[0] for name in axes]
     if not names or max(map(names.count, names)) < 2:
         return None
+    rigs = {one.recorded.wheel: one.recorded.calibration for one in wheels}
     width = vehicle.tyre_width_mm
     tyres = TyreWidths(width, width, vehicle.tyre_width_sigma_mm)
     try:
-        return vehicle_geometry(axes, stand, tyres, coverage_factor=coverage_factor)
+        common = placing_covariance(axes, rigs)
+        return vehicle_geometry(axes, stand, tyres, common=common, coverage_factor=coverage_factor)
     except DegenerateInputError as error:
         raise FormatError(
             file=folder,
@@ -207,6 +195,8 @@ def vehicle_as_json(
     wheels: list[MeasuredWheel], geometry: VehicleGeometry | None, coverage_factor: float
 ) -> dict[str, Any]:
     """Return what `truewheel measure-vehicle --json` prints; what is not known is null."""
+    from alignment.vehicle import LENGTHS
+
     told = {one.recorded.wheel: _wheel_as_json(one, geometry, coverage_factor) for one in wheels}
     reasons = [f"{name}: {wheel['reason']}" for name, wheel in told.items() if wheel["reason"] is not None]
     missing = [] if geometry is None else list(geometry.missing)
@@ -235,7 +225,7 @@ def vehicle_as_json(
     }
     for name in _ANGLES:
         out |= _pair(geometry, name, name, "deg")
-    for name in _LENGTHS:
+    for name in LENGTHS:
         out |= _pair(geometry, name, name, "mm")
     return out
 
@@ -289,6 +279,8 @@ def _pair(geometry: VehicleGeometry | None, name: str, told: str, unit: str) -> 
 
 
 def _print(result: Mapping[str, Any]) -> None:
+    from alignment.vehicle import LENGTHS
+
     typer.echo(f"{'wheel':<12}{'camber':>22}{'toe':>22}  of the")
     for name, wheel in result["wheels"].items():
         cells = "".join(f"{_cell(wheel, angle, 'deg', '°', 4):>22}" for angle in ("camber", "toe"))
@@ -296,7 +288,7 @@ def _print(result: Mapping[str, Any]) -> None:
     for axle, values in result["axles"].items():
         if values["total_toe_deg"] is not None:
             typer.echo(f"{axle + ' total toe':<34}{_cell(values, 'total_toe', 'deg', '°', 4):>22}")
-    for name in (*_ANGLES, *_LENGTHS):
+    for name in (*_ANGLES, *LENGTHS):
         unit, sign, digits = ("deg", "°", 4) if name in _ANGLES else ("mm", " mm", 3)
         if result[f"{name}_{unit}"] is not None:
             typer.echo(f"{name.replace('_', ' '):<34}{_cell(result, name, unit, sign, digits):>22}")

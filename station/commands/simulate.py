@@ -110,7 +110,7 @@ def simulate_wheel_command(
     longitudinal_mm: _Longitudinal = 0.0,
     turns: _Turns = 0,
     speed_deg_s: _Speed = 170.0,
-    interval_s: _Interval = 0.14,
+    interval_s: _Interval = 0.28,
     wander_mm: _WanderMm = 1.0,
     wander_deg: _WanderDeg = 0.05,
     config: _Config = None,

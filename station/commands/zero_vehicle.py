@@ -125,8 +125,7 @@ def _store(database: str, calibrations: list[Path], zeros: tuple[ZeroRecord, ...
         for file in files:
             document = file.model_dump(mode="json", by_alias=True)
             store.record_calibration(CalibrationRecord(file.id, file.rig, file.created_utc, document))
-        for record in zeros:
-            store.record_zero(record)
+        store.record_zeros(zeros)
 
 
 def _told(zeros: tuple[ZeroRecord, ...], lengths: tuple[LengthFound, ...], yaw_deg: float) -> dict[str, Any]:

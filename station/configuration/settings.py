@@ -23,6 +23,7 @@ from sensors.frames import FrameTolerance
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import (
     LEAST_TURN_DEG,
+    MOST_TURN_DEG,
     QUANTITY,
     Label,
     Measured,
@@ -152,7 +153,10 @@ class CycleSettings(StrictModel):
         default=16, ge=FEWEST_EXPOSURES, le=MOST_EXPOSURES, description="Exposures of a wheel that turns"
     )
     least_turn_deg: float = Field(
-        default=270.0, ge=LEAST_TURN_DEG, lt=360, description="Least turn that they must cover, degrees"
+        default=600.0,
+        ge=LEAST_TURN_DEG,
+        le=MOST_TURN_DEG,
+        description="Least turn of the wheel from the first of them to the last, degrees",
     )
     exposure_interval_s: float = Field(
         default=0.25,

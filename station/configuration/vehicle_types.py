@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.vehicle import TyreWidths
-from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
+from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES, most_turn
 from sensors.formats import StrictModel, entries
 from station.configuration.lengths import LengthTolerances
 from station.configuration.limits import Limits
@@ -29,7 +29,7 @@ WIDEST_DEG = {
 """Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
 TyreWidth = Annotated[float, Field(ge=80, le=500)]
 _Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
-LEAST_TURN_DEG = 120.0
+LEAST_TURN_DEG, MOST_TURN_DEG = 120.0, 10_710.0
 """Of a turn that a series must cover, degrees; less says too little of where its centre is."""
 Measured = Literal["tyre_plane", "spin_axis"]
 """What is measured and judged: the plane of the tyre as it stands, or the axis about which it turns."""
@@ -80,12 +80,12 @@ class Tolerance(StrictModel):
 
 
 def check_series(exposures: int, least_turn_deg: float) -> None:
-    """Refuse a turn that so many exposures cannot cover."""
-    most = 360.0 * (1.0 - 1.0 / exposures)
-    if least_turn_deg >= most:
+    """Refuse a turn of which so many exposures cannot tell."""
+    most = math.degrees(most_turn(exposures))
+    if least_turn_deg > most:
         raise DegenerateInputError(
             field="least_turn_deg",
-            expected=f"less than {most:.0f}, which {exposures} exposures cover of a turn at most",
+            expected=f"at most {most:.0f}, of which {exposures} exposures can tell",
             seen=f"{least_turn_deg:g}",
             cure="Take more exposures, or ask for less",
         )
@@ -184,8 +184,8 @@ class VehicleType(StrictModel):
     least_turn_deg: float | None = Field(
         default=None,
         ge=LEAST_TURN_DEG,
-        lt=360,
-        description="Least turn that they must cover, degrees; as the station says without",
+        le=MOST_TURN_DEG,
+        description="Least turn from the first of them to the last, degrees; as the station says without",
     )
     run_out_radius_mm: float = Field(
         default=300.0, ge=100, le=1000, description="Radius at which run-out is told, millimetres"

@@ -8,6 +8,7 @@ from .geometry_words import QuantityAnswer as QuantityAnswer
 from .geometry_words import QuantityState as QuantityState
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
+from .judging import missed_limits as missed_limits
 from .measuring import MeasuringCycle as MeasuringCycle
 from .ports import Bounds as Bounds
 from .ports import CycleReport as CycleReport
@@ -23,7 +24,6 @@ from .positions import utc_now as utc_now
 from .series import SeriesChoice as SeriesChoice
 from .verdict import Status as Status
 from .verdict import combined as combined
-from .verdict import missed_in_words as missed_in_words
 from .words import RESERVED_CODES as RESERVED_CODES
 from .words import RESERVED_MODES as RESERVED_MODES
 from .words import SERVED_MODES as SERVED_MODES
@@ -46,4 +46,4 @@ from .words import Stop as Stop
 from .words import Trigger as Trigger
 from .words import VehicleAnswer as VehicleAnswer
 from .words import WheelAnswer as WheelAnswer
-from .words import overall_outcome as overall_outcome
+from .words import vehicle_outcome as vehicle_outcome

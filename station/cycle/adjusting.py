@@ -123,6 +123,9 @@ class Adjusting:
     ----------
     late
         Positions whose last shot did not end in time; empty before the end.
+    armed
+        Names of those whose cameras are still armed by the series before and have failed in nothing since:
+        they look at the wheel whose run-out is known, and are not armed for another one.
     """
 
     def __init__(
@@ -148,6 +151,7 @@ class Adjusting:
         self._clock = clock
         self._last_s = last_s
         self.late: tuple[WheelPosition, ...] = ()
+        self.armed = set(before.lives)
         self._shots = {position.name: 0 for position in positions}
         self._running = {self._begin(position): position for position in positions}
 
@@ -189,9 +193,12 @@ class Adjusting:
         # The angles are as old as the moment before the exposure, at most.
         started_s = self._clock()
         try:
-            position.rig.arm()
+            if position.name not in self.armed:
+                position.rig.arm()
             live = self._before.lives.get(position.name)
             result = position.run(self._zeros, live)
+            if result.shot is None:
+                self.armed.discard(position.name)
             if live is None and self._before.wanted and result.measurement is not None:
                 # A tyre plane is not shown as if it were the axis.
                 return position.failed(fault(ErrorCode.MEASUREMENT_REFUSED, _NO_RUN_OUT)), started_s

@@ -18,7 +18,6 @@ from db.records import (
     WheelKind,
     WheelOutcome,
     WheelRecord,
-    judge_angle,
 )
 from station.cycle.geometry import tyre_u
 from station.cycle.geometry_answer import geometry_answer, told_state
@@ -120,18 +119,18 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         kind=None if found is None else WheelKind.of_method(found.method),
         load_mm=None if found is None or found.load_mm is None else float(found.load_mm),
         toe_tyre_u=_toe_tyre_u(wheel, evaluation),
-        **_run_out(wheel, evaluation.coverage_factor),
+        **_run_out(wheel),
     )
 
 
-def _run_out(wheel: JudgedWheel, coverage_factor: float) -> dict[str, float | None]:
+def _run_out(wheel: JudgedWheel) -> dict[str, float | None]:
     """The run-out of a wheel that was turned, millimetres, with its limit and where its high spot was."""
     found = wheel.run_out
     if found is None:
         return {}
     return {
         "run_out": found.value_mm,
-        "run_out_u": found.u95_mm / coverage_factor,
+        "run_out_u": found.u_mm,
         "run_out_high": found.most_mm,
         "run_out_phase": found.high_spot,
         "run_out_phase_u": found.high_spot_u,
@@ -222,16 +221,7 @@ def _told_run_out(wheel: WheelRecord) -> dict[str, Any]:
     """The run-out of a wheel that was turned, as `WheelAnswer` has it."""
     if AxisKind.of_method(wheel.method) is not AxisKind.SPIN_AXIS:
         return {}
-    verdict, _ = judge_angle(
-        wheel.run_out,
-        wheel.run_out_u,
-        None,
-        wheel.run_out_high,
-        guard_band=wheel.guard_band,
-        coverage_factor=wheel.coverage_factor,
-        part=wheel.verdict,
-    )
-    state, k = told_state(verdict), wheel.coverage_factor
+    state, k = told_state(wheel.run_out_verdict), wheel.coverage_factor
     if not state.measured or wheel.run_out_u is None or k is None:
         return {"run_out_state": QuantityState.NOT_MEASURED}
     spot = None if wheel.run_out_phase is None else math.degrees(wheel.run_out_phase) % 360.0

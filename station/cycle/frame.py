@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from alignment.errors import DegenerateInputError
-from alignment.vehicle import FOUR_WHEELS, Stand, VehicleGeometry, vehicle_geometry
+from alignment.values import RigCalibration
+from alignment.vehicle import (
+    FOUR_WHEELS,
+    Stand,
+    VehicleGeometry,
+    WheelAxis,
+    placing_covariance,
+    vehicle_geometry,
+)
 from db.records import Reference
 from station.configuration import VehicleType
 from station.cycle.positions import WheelResult
@@ -23,10 +31,13 @@ class CommonFrame:
         Its road, and how well its temperature is known.
     reference
         What individual toe and thrust angle refer to.
+    rigs
+        Calibration of the rig of each wheel, whose placing says what the rigs share; without them nothing.
     """
 
     stand: Stand
     reference: Reference
+    rigs: Mapping[str, RigCalibration] = field(default_factory=dict)
 
 
 def frame_for(
@@ -41,7 +52,7 @@ def frame_for(
         return frame
     if kind.lengths.stated and whole_vehicle(wheels):
         return frame
-    return CommonFrame(frame.stand, "stand")
+    return replace(frame, reference="stand")
 
 
 def tells_toe(frame: CommonFrame | None, wheels: tuple[str, ...]) -> bool:
@@ -63,7 +74,9 @@ def geometry_of(
     """
     if frame is None or not whole_vehicle(results):
         return None, None
-    axes = {name: axis for name in FOUR_WHEELS if (axis := results[name].axis) is not None}
+    axes: dict[str, WheelAxis] = {
+        name: axis for name in FOUR_WHEELS if (axis := results[name].axis) is not None
+    }
     placeless = [name for name in FOUR_WHEELS if results[name].measurement is not None and name not in axes]
     if placeless:
         return None, (
@@ -77,6 +90,7 @@ def geometry_of(
             axes,
             frame.stand,
             kind.tyre_widths(),
+            common=placing_covariance(axes, frame.rigs) if frame.rigs else None,
             thrust_sign=kind.thrust_sign,
             coverage_factor=coverage_factor,
         )

@@ -22,25 +22,30 @@ from db.records import Reference
 from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
 from station.cycle.frame import CommonFrame, geometry_of, whole_vehicle
 from station.cycle.positions import Failure, WheelResult
-from station.cycle.verdict import Angle, Status
+from station.cycle.verdict import Angle, Status, missed_in_words
 
 
 @dataclass(frozen=True)
 class JudgedRunOut:
     """Run-out of a tyre, which has a verdict of its own: no turn of a tie rod changes it.
 
+    The wheel's verdict is that of its angles, for whoever adjusts them; the vehicle's holds the run-out too.
+
     Attributes
     ----------
-    tilt
-        Of the tyre plane against the spin axis, with its limits; 0 with what may hide where none was told.
+    size
+        Millimetres peak to peak, with its limits; 0 with what may hide where none was told.
+    u_mm
+        Its standard uncertainty.
     radius_mm
-        At which it is told in millimetres.
+        At which it is told.
     high_spot, high_spot_u
         Where the tyre stood out farthest at the last exposure, radians from the top, counter-clockwise seen
         from outboard, and its standard uncertainty; None where no run-out was told.
     """
 
-    tilt: Angle
+    size: Angle
+    u_mm: float
     radius_mm: float
     high_spot: float | None
     high_spot_u: float | None
@@ -48,17 +53,17 @@ class JudgedRunOut:
     @property
     def value_mm(self) -> float:
         """Peak to peak."""
-        return run_out_mm(self.tilt.value or 0.0, self.radius_mm)
+        return self.size.value or 0.0
 
     @property
     def u95_mm(self) -> float:
         """Expanded uncertainty."""
-        return run_out_mm(self.tilt.expanded_uncertainty or 0.0, self.radius_mm)
+        return self.size.expanded_uncertainty or 0.0
 
     @property
     def most_mm(self) -> float | None:
         """Largest accepted value; None without a limit."""
-        return None if self.tilt.limits is None else run_out_mm(self.tilt.limits.high, self.radius_mm)
+        return None if self.size.limits is None else self.size.limits.high
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +164,12 @@ class Evaluation:
         return (angle for part in parts for angle in part.angles)
 
     @property
+    def judged(self) -> Iterator[Angle]:
+        """All that decides of the vehicle: the angles, and the run-outs."""
+        yield from self.angles
+        yield from (wheel.run_out.size for wheel in self.wheels if wheel.run_out is not None)
+
+    @property
     def failures(self) -> tuple[Failure, ...]:
         """Why wheels have no angles."""
         found = (wheel.result.failure for wheel in self.wheels)
@@ -213,6 +224,20 @@ def evaluate(
         judge.reference,
         problem,
     )
+
+
+def missed_limits(evaluation: Evaluation) -> list[str]:
+    """What is out of its limits, each in words."""
+    missed = [angle for angle in evaluation.angles if angle.status is Status.NOK]
+    said = [missed_in_words(angle) if angle.name not in LENGTHS else _in_words(angle) for angle in missed]
+    for wheel in evaluation.wheels:
+        found = wheel.run_out
+        if found is not None and found.size.status is Status.NOK:
+            said.append(
+                f"{wheel.result.wheel} run-out {found.value_mm:.3f} ± {found.u95_mm:.3f} mm, limit "
+                f"{found.most_mm:g} mm"
+            )
+    return said
 
 
 def lengths_missed(evaluation: Evaluation) -> str | None:
@@ -270,14 +295,12 @@ class _Judge:
         if spin is None:
             return None
         radius_mm, most_mm = self.kind.run_out_radius_mm, self.kind.axles[axle_of(result.wheel)].run_out_mm
-        limits = None
-        if most_mm is not None:
-            most = math.asin(0.5 * most_mm / radius_mm)
-            # It has a size and no sign; the lower limit is there for the form.
-            limits = Limits(-most, most)
-        tilt = Angle(f"{result.wheel}.run_out", limits, self.kind.guard_band)
-        tilt = self._set(tilt, spin.run_out or 0.0, spin.run_out_u, result.wheel)
-        return JudgedRunOut(tilt, radius_mm, spin.high_spot, spin.high_spot_u)
+        # It has a size and no sign; the lower limit is there for the form.
+        limits = None if most_mm is None else Limits(-most_mm, most_mm)
+        value_mm, u_mm = (run_out_mm(tilt, radius_mm) for tilt in (spin.run_out or 0.0, spin.run_out_u))
+        size = Angle(f"{result.wheel}.run_out", limits, self.kind.guard_band)
+        size = self._set(size, value_mm, u_mm, result.wheel)
+        return JudgedRunOut(size, u_mm, radius_mm, spin.high_spot, spin.high_spot_u)
 
     def axle(self, axle: str) -> JudgedAxle:
         tolerances = self.kind.axles[axle]

@@ -342,8 +342,8 @@ class MeasuringCycle:
         if self._stopping.is_set():
             text = f"adjusting of start {cycle.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text, cycle)
-        # Adjusting has armed them for another shot each time; once more for the one that counts.
-        self._arm([position for position in ready if position not in adjusting.late])
+        # Adjusting has armed the others for another shot each time; once more for the one that counts.
+        self._arm([p for p in ready if p not in adjusting.late and p.name not in adjusting.armed])
         return (*late, *adjusting.late)
 
     def _run_wheels(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> None:

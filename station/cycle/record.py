@@ -33,7 +33,7 @@ def cycle_record(
     assert cycle.kind is not None
     # A part of the station that failed says more than a wheel that was refused.
     failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
-    outcome = cycle_outcome(evaluation.angles, fault=bool(failures), aborted=cycle.interrupted)
+    outcome = cycle_outcome(evaluation.judged, fault=bool(failures), aborted=cycle.interrupted)
     trouble = NO_TROUBLE
     code: str | None = None
     text: str | None = None
@@ -78,7 +78,7 @@ def run_out_notes(evaluation: Evaluation) -> Iterator[tuple[Severity, float, str
         found = wheel.run_out
         if found is None:
             continue
-        beyond = found.tilt.status is Status.NOK
+        beyond = found.size.status is Status.NOK
         text = f"{wheel.result.wheel}: run-out {found.value_mm:.3f} mm ± {found.u95_mm:.3f} mm peak to peak"
         text += f" at {found.radius_mm:g} mm"
         if found.high_spot is not None and found.high_spot_u is not None:

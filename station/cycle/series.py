@@ -18,7 +18,7 @@ from typing import Protocol
 from alignment.errors import TruewheelError
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
 from alignment.values import Refusal, Side
-from alignment.wheel import LiveSpin, SeriesRules
+from alignment.wheel import LEAST_TURN, LiveSpin, SeriesRules
 from sensors.shot import WheelShot
 from station.configuration import Measured, VehicleType
 from station.cycle.words import ErrorCode
@@ -64,14 +64,14 @@ class SeriesChoice:
     measure
         ``tyre_plane`` or ``spin_axis``.
     exposures, least_turn
-        How many, and the least turn that they must cover, radians.
+        How many, and the least turn from the first to the last, radians.
     interval_s
         From one exposure to the next, seconds.
     """
 
     measure: Measured = "tyre_plane"
     exposures: int = 16
-    least_turn: float = math.radians(270.0)
+    least_turn: float = LEAST_TURN
     interval_s: float = 0.25
 
     def plan(self, kind: VehicleType | None) -> SeriesPlan | None:

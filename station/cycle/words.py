@@ -414,6 +414,17 @@ def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
     return Outcome.NOT_REQUESTED
 
 
+def vehicle_outcome(
+    wheels: Iterable[WheelAnswer], axles: Iterable[AxleAnswer], vehicle: VehicleAnswer | None
+) -> Outcome:
+    """Verdict of the whole vehicle: of all its parts, and of every run-out that has a limit."""
+    wheels = tuple(wheels)
+    parts = [wheel.outcome for wheel in wheels] + [axle.outcome for axle in axles]
+    parts += [] if vehicle is None else [vehicle.outcome]
+    parts += [Outcome.NOK for wheel in wheels if wheel.run_out_state is QuantityState.NOK]
+    return overall_outcome(parts)
+
+
 @dataclass(frozen=True)
 class LiveAngles:
     """Angles of one wheel while it is adjusted; degrees, None unless measured.

@@ -234,7 +234,7 @@ class StationLine:
 
         Returns
         -------
-        The outcome of the vehicle, as sent: see `overall_outcome`.
+        The outcome of the vehicle, as sent: see `vehicle_outcome`.
 
         Raises
         ------

@@ -29,5 +29,6 @@ from .simulation import write_turning_wheel as write_turning_wheel
 from .turning_station import TurningTimes as TurningTimes
 from .turning_station import images_station as images_station
 from .turning_station import planes_station as planes_station
+from .turning_station import prepared_planes as prepared_planes
 from .turning_station import run_turning as run_turning
 from .vehicle_simulation import write_simulated_vehicle as write_simulated_vehicle

@@ -16,9 +16,9 @@ import numpy as np
 
 from alignment.errors import ConfigurationError, LineError, StoreError
 from db.records import CycleOutcome, Verdict, WheelOutcome
-from sensors.formats import WheelTruth
-from sensors.simulation import PoseDrawer, SimulatedRig, angles_about
-from station.configuration import Configuration, Tolerance, VehicleType
+from sensors.formats import LoadOptions, WheelTruth
+from sensors.simulation import PoseDrawer, SimulatedOptions, SimulatedRig, angles_about
+from station.configuration import Configuration, RigSettings, Tolerance, VehicleType
 from station.cycle import CycleReport, JudgedWheel, Observer, Outcome, WheelResult, axle_of, combined
 from station.line.plc import PlcOrder, PlcResult, PlcSimulator, PlcTimeouts
 from station.line.tools import decode_log, trace_cycles
@@ -30,6 +30,7 @@ _TIMEOUTS = PlcTimeouts(
     connect_s=60.0, ready_s=60.0, busy_s=30.0, done_s=900.0, acknowledged_s=30.0, silence_s=30.0
 )
 _SPREAD = 0.2  # of the tolerance: wheels of a good vehicle
+_REAR_LOAD = 0.8  # of the front tyres' bulge
 _FAR_OUT = 1.6  # of the tolerance: the bad wheel of every second vehicle
 _CHANNELS = itertools.count(1)
 
@@ -112,8 +113,13 @@ class _Reports(Observer):
         self.cycles.append(report.without_images())
 
 
-def demo_configuration(configuration: Configuration, database_url: str, can_log: Path) -> Configuration:
+def demo_configuration(
+    configuration: Configuration, database_url: str, can_log: Path, load_mm: float = 0.0
+) -> Configuration:
     """Return a configuration with a line in this process, and database and log where the demo wants them.
+
+    Its wheels stand on their tyres with a bulge of `load_mm` in front and less behind, but for rigs of whom
+    the file says what wheels they see.
 
     Raises
     ------
@@ -144,9 +150,24 @@ def demo_configuration(configuration: Configuration, database_url: str, can_log:
     database = settings.database.model_copy(update={"url": database_url, "create": True})
     return Configuration(
         configuration.file,
-        settings.model_copy(update={"line": line, "database": database}),
+        settings.model_copy(
+            update={
+                "line": line,
+                "database": database,
+                "rigs": tuple(_on_the_road(rig, load_mm) for rig in settings.rigs),
+            }
+        ),
         configuration.vehicle_types,
     )
+
+
+def _on_the_road(rig: RigSettings, load_mm: float) -> RigSettings:
+    options = rig.options
+    assert isinstance(options, SimulatedOptions)
+    if not load_mm or options.load is not None or options.vehicle is not None:
+        return rig
+    load = LoadOptions(bulge_mm=load_mm if rig.axle == "front" else _REAR_LOAD * load_mm)
+    return rig.model_copy(update={rig.tables[rig.driver]: options.model_copy(update={"load": load})})
 
 
 def run_demo(

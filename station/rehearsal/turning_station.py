@@ -53,11 +53,16 @@ TURNING_KIND = VehicleType.model_validate(
 
 @dataclass(frozen=True)
 class TurningTimes:
-    """Of each cycle: from the last exposure of all wheels to the answer on the bus; memory after it."""
+    """Of each cycle: from the last exposure of all wheels to the answer on the bus; memory after it.
+
+    `cpu_s` is what the processor worked in that time, PLC and bus included: on a computer that does other
+    work too it says what the answer would take alone.
+    """
 
     answer_s: tuple[float, ...]
     rss_mb: tuple[float, ...]
     outcomes: tuple[Outcome, ...]
+    cpu_s: tuple[float, ...] = ()
 
     def growth_mb(self, settled: int) -> float:
         """Highest memory after so many cycles, less that of then."""
@@ -76,7 +81,7 @@ class PreparedRollers:
         self.name = name
         self._exposures, self._heads = exposures, heads
         self._taken = 0
-        self.last_s = 0.0
+        self.last_s = self.last_cpu_s = 0.0
 
     def connect(self) -> None:
         """Nothing to reach."""
@@ -89,7 +94,7 @@ class PreparedRollers:
         """Give the next exposure."""
         images = self._exposures[self._taken % len(self._exposures)]
         self._taken += 1
-        self.last_s = time.monotonic()
+        self.last_s, self.last_cpu_s = time.monotonic(), time.process_time()
 
         def frame(name: str, pair: StereoImages, side: str) -> Frame:
             camera = f"{self.name}/{name}/{side}"
@@ -222,7 +227,7 @@ def run_turning(
     rigs, positions = wheels
     settings = BusSettings("virtual", f"turning-{next(_IN_TURN)}", 500_000)
     database = load_line_database(dbc)
-    answers, memory = np.full(cycles, np.nan), np.full(cycles, np.nan)
+    answers, worked, memory = (np.full(cycles, np.nan) for _ in range(3))
     outcomes: list[Outcome] = []
     stopping = threading.Event()
     with ExitStack() as stack:
@@ -244,6 +249,7 @@ def run_turning(
                 plc.start_up()
                 for number in range(cycles):
                     result = plc.run(PlcOrder(f"TWTURN{number:011d}"))
+                    worked[number] = time.process_time() - max(rig.last_cpu_s for rig in rigs)
                     answers[number] = result.done_s - max(rig.last_s for rig in rigs)
                     memory[number] = rss_mb()
                     outcomes.append(result.vehicle.outcome)
@@ -251,4 +257,6 @@ def run_turning(
         finally:
             stopping.set()
             serving.join(30.0)
-    return TurningTimes(tuple(answers.tolist()), tuple(memory.tolist()), tuple(outcomes))
+    return TurningTimes(
+        tuple(answers.tolist()), tuple(memory.tolist()), tuple(outcomes), tuple(worked.tolist())
+    )

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from alignment.vehicle import FOUR_WHEELS
 from sensors.camera import CameraSettings
 from sensors.formats import (
-    CORNERS,
     VEHICLE_FILE,
     VEHICLE_TRUTH_FILE,
-    CornerName,
     VehicleFile,
     VehicleTruthFile,
     WheelTruth,
@@ -77,7 +76,7 @@ def write_simulated_vehicle(
         When the folder holds something already or cannot be written.
     """
     truths: dict[str, WheelTruth] = {}
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         drawn = vehicle.scene(wheel, stand)
         scene = replace(drawn, ambient=config.ambient, optics=Optics(**config.optics.model_dump()))
         photographer = _Photographer(vehicle, stand, wheel, config.cameras.settings())
@@ -98,10 +97,8 @@ def write_simulated_vehicle(
 class _Photographer:
     """Takes the shots of one wheel, each with noise of its own."""
 
-    def __init__(
-        self, vehicle: Vehicle, stand: SimulatedStand, wheel: CornerName, settings: CameraSettings
-    ) -> None:
-        self._rng = np.random.default_rng([vehicle.seed, 9, CORNERS.index(wheel)])
+    def __init__(self, vehicle: Vehicle, stand: SimulatedStand, wheel: str, settings: CameraSettings) -> None:
+        self._rng = np.random.default_rng([vehicle.seed, 9, FOUR_WHEELS.index(wheel)])
         self._calibration, self._settings = stand.rigs[wheel], settings
 
     def shot(self, scene: WheelScene, number: int) -> WheelShot:
@@ -133,5 +130,5 @@ def _stated(vehicle: Vehicle, tyre_width_sigma_mm: float) -> VehicleFile:
         tyre_width_mm=spec.tyre_width_mm,
         tyre_width_sigma_mm=tyre_width_sigma_mm,
         road_z_mm=ROAD_Z_MM,
-        rigs={wheel: wheel for wheel in CORNERS},
+        rigs={wheel: wheel for wheel in FOUR_WHEELS},
     )

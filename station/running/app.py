@@ -14,7 +14,7 @@ from types import FrameType
 from alignment.counting import count_of
 from alignment.errors import together
 from station.configuration import Configuration, read_configuration
-from station.cycle import CycleReport, Observer, StationState, Status, missed_in_words
+from station.cycle import CycleReport, Observer, StationState, missed_limits
 from station.line.tools import named_cable
 from station.line.wire import ONE_PROCESS, BusSettings
 from station.running.composition import OpenStation, bus_settings, open_station
@@ -36,8 +36,7 @@ class _Log(Observer):
 
     def cycle_done(self, report: CycleReport) -> None:
         trigger, record = report.trigger, report.record
-        missed = [angle for angle in report.evaluation.angles if angle.status is Status.NOK]
-        why = together([*filter(None, [record.reason_text]), *map(missed_in_words, missed)])
+        why = together([*filter(None, [record.reason_text]), *missed_limits(report.evaluation)])
         _LOG.info(
             "start %d, VIN %s: %s%s, line was told %s",
             trigger.sequence,

@@ -29,7 +29,7 @@ def common_frame(configuration: Configuration, calibrations: Iterable[RigCalibra
     lacking = _lacking(by_name)
     if lacking and options.reference == "vehicle":
         raise _no_frame(configuration, lacking)
-    frame = None if lacking else CommonFrame(options.stand(), options.reference or "vehicle")
+    frame = None if lacking else CommonFrame(options.stand(), options.reference or "vehicle", by_name)
     reference = "stand" if frame is None else frame.reference
     _LOG.info("toe and thrust angle refer to the %s", reference)
     judged = [

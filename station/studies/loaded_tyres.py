@@ -189,9 +189,11 @@ def _accuracy(rows: Sequence[Row], name: str) -> dict[str, float]:
 
 
 def _goals(slack: float) -> tuple[Goal, ...]:
+    of_three_heads = (("median", 0.05), ("p95", 0.2), ("p99", 0.35))
+    # Heads at 90, 210 and 330° are the mounting that is advised, and are held to both sets of limits.
     limits = {
-        "even": (("median", 0.05), ("p95", 0.15), ("largest", 0.3)),
-        "lifted": (("median", 0.05), ("p95", 0.2), ("p99", 0.35)),
+        "even": (*of_three_heads, ("p95", 0.15), ("largest", 0.3)),
+        "lifted": of_three_heads,
     }
     goals = []
     for mounting, mine in limits.items():
@@ -246,7 +248,10 @@ def summarise_loads(rows: list[Row], slack: float = 0.0) -> StudyResult:
 18 to 32°, Gaussian or wave, one in eight in the air, measured with calibrations drawn from the covariance of
 one from the plate: {len(plain)} measurements, and {len(moved)} with a knocked camera or head. Wheels with
 side force up to 8 mm and longitudinal force up to 0.3 mm stand in rows of their own: how much of a broad
-side shift passes for camber the heads cannot tell, and the stated uncertainty says so.
+side shift passes for camber the heads cannot tell, and the stated uncertainty says so. Heads at 90, 210 and
+330° (even) are the mounting that the page on mounting heads advises: they are held to the limits of three
+heads there (median 0.05′, 95 % 0.2′, 99 % 0.35′) and to the stricter ones of the mounting that is advised
+(95 % 0.15′, none above 0.3′). Lower heads 15° higher (lifted) stand for comparison, held to the first ones.
 
 """
     goals = tuple(goal for goal in _goals(slack) if goal.figure in figures)

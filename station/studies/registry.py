@@ -26,6 +26,7 @@ STUDIES = {
     "refresh": "station.studies.refresh",
     "refresh-rates": "station.studies.refresh_rates",
     "repeatability": "station.studies.repeatability",
+    "vehicle-budget": "station.studies.vehicle_budget",
     "vehicles": "station.studies.vehicles",
     "spin-cycle": "station.studies.spin_cycle",
     "wheel-grid": "station.studies.wheel_grid",

@@ -45,7 +45,7 @@ QUICK_WHEELS, QUICK_LOADED, QUICK_CYCLES = 1, 0, 30
 PRESET = "ccir"
 RULES = SeriesRules()
 RUN_OUT_MM, RADIUS_MM = 2.0, 300.0
-ROLLERS = Rollers(interval_s=0.28)
+ROLLERS = Rollers()
 """Sixteen exposures twice round, at 170° per second."""
 _SETTLED = 200
 _MOST_GROWTH_MB = 5.0

@@ -104,7 +104,7 @@ class DrawnVehicle:
     @property
     def truth(self) -> dict[str, float]:
         """What a measurement should find, by the names of `VehicleGeometry`."""
-        at = {name: self.contact(name) for name in FOUR_WHEELS}
+        at: dict[str, Array] = {name: self.contact(name) for name in FOUR_WHEELS}
         out = {f"{name}.toe": toe for name, (_, toe) in self.angles.items()}
         out |= {f"{name}.camber": camber for name, (camber, _) in self.angles.items()}
         out["thrust_angle"] = 0.5 * (self.angles["rear_right"][1] - self.angles["rear_left"][1])
@@ -157,8 +157,8 @@ def measured_axes(
     warm: bool = True,
 ) -> dict[str, WheelAxis]:
     """What the rigs would see: each wheel off by a draw from its covariance (5, 5), and by the warm stand."""
-    heat = warmed(rng) if warm else dict.fromkeys(FOUR_WHEELS, np.zeros(5))
-    out = {}
+    heat = warmed(rng) if warm else dict.fromkeys(map(str, FOUR_WHEELS), np.zeros(5))
+    out: dict[str, WheelAxis] = {}
     for name in FOUR_WHEELS:
         values, vectors = np.linalg.eigh(covariances[name])
         off = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(5)) + heat[name]

@@ -85,7 +85,7 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
     count, imaged = (QUICK_VEHICLES, QUICK_IMAGED) if quick else (VEHICLES, IMAGED)
     progress(0.0, "four rigs")
-    rigs = {name: placed_rig(name, seed) for name in FOUR_WHEELS}
+    rigs: dict[str, RigCalibration] = {name: placed_rig(name, seed) for name in FOUR_WHEELS}
     covariances = _covariances(rigs, seed)
     rng = np.random.default_rng([seed, 1])
     even, odd = _Found(), _Found()
@@ -159,14 +159,16 @@ def _seen_wheel(
     vehicle: DrawnVehicle, name: str, true: RigCalibration, known: RigCalibration, rng: np.random.Generator
 ) -> WheelAxis | None:
     """One wheel rendered before the true rig and measured with the known one; None when it is refused."""
-    scene = _scene(vehicle, name, true, rng)
+    scene = wheel_scene(vehicle, name, true, rng)
     found = measure_wheel(exposed(lights(scene, true), scene, rng), known, MeasureSettings())
     if not isinstance(found, WheelMeasurement) or found.reference is None:
         return None
     return WheelAxis.of(found, found.reference, known)
 
 
-def _scene(vehicle: DrawnVehicle, name: str, rig: RigCalibration, rng: np.random.Generator) -> WheelScene:
+def wheel_scene(
+    vehicle: DrawnVehicle, name: str, rig: RigCalibration, rng: np.random.Generator
+) -> WheelScene:
     """The wheel before its rig: all tyres of a vehicle are alike, as wide as stated."""
     side = side_of_wheel(name)
     camber, toe, ring = vehicle.on_stand(name)

@@ -44,6 +44,20 @@ def test_a_revoked_one_gives_way_to_the_one_before_and_stays_stored(store: Resul
     assert store.counts()["zero_measurements"] == store.counts()["zero_revocations"] == 2
 
 
+def test_those_of_a_whole_vehicle_are_stored_together_or_not_at_all(store: ResultStore) -> None:
+    """They were written one by one: a database that failed at the third corrected half of a vehicle."""
+    rigs = ("front_left", "front_right", "rear_left")
+    good = [zero(f"zero-{rig}", rig=rig) for rig in rigs]
+    with pytest.raises(StoreError):
+        store.record_zeros([*good, zero("zero-rear_right", rig="rear_right", calibration_id="unknown")])
+    assert store.zeros() == ()
+    store.record_zeros([*good, zero("zero-rear_right", rig="rear_right")])
+    assert len(store.zeros_in_force()) == 4
+    # The same again changes nothing.
+    store.record_zeros(good)
+    assert len(store.zeros()) == 4
+
+
 def test_a_forced_one_comes_back_with_its_reason(store: ResultStore) -> None:
     record = zero(forced_reason="the rig was turned on purpose")
     store.record_zero(record)

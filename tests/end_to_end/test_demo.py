@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from uuid import UUID
 
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 
 from db.store import ResultStore
+from station.configuration.settings import read_configuration
 from station.configuration.vehicle_types import read_vehicle_types
 from station.line.tools.monitor import decode_log, trace_cycles
 from station.line.wire.dbc import load_line_database
-from station.rehearsal.demo import vehicle_poses
+from station.rehearsal.demo import demo_configuration, vehicle_poses
 from tests.end_to_end.conftest import CONFIGS, Truewheel
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
@@ -70,6 +72,29 @@ def test_one_vehicle_from_trigger_to_committed_result(truewheel: Truewheel, tmp_
         ending = {"certificate": "pdf", "aqdef": "dfq"}[name]
         out = tmp_path / f"results.{ending}"
         assert truewheel("export", name, "--database", url, *options, "--out", out).status == 0
+
+
+@pytest.mark.parametrize(("load_mm", "front", "rear"), [(4.0, 4.0, 3.2), (0.0, None, None)])
+def test_vehicles_of_the_demonstration_stand_on_their_tyres(
+    tmp_path: Path, load_mm: float, front: float | None, rear: float | None
+) -> None:
+    """They hung in the air, as no vehicle of a line does."""
+    known = read_configuration(CONFIGS / "station.toml")
+    found = demo_configuration(known, f"sqlite:///{tmp_path / 'r.db'}", tmp_path / "can.log", load_mm)
+    loads = {rig.name: rig.options.load for rig in found.settings.rigs}  # type: ignore[attr-defined]
+    told = {name: None if load is None else pytest.approx(load.bulge_mm) for name, load in loads.items()}
+    assert told == {name: front if name.startswith("front") else rear for name in WHEELS}
+
+
+def test_a_load_that_the_file_states_stays(tmp_path: Path) -> None:
+    shutil.copytree(CONFIGS, tmp_path / "configs")
+    path = tmp_path / "configs" / "station.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("seed = 1,", "load = { bulge_mm = 7.0 }, seed = 1,", 1), encoding="utf-8")
+    known = read_configuration(path)
+    found = demo_configuration(known, f"sqlite:///{tmp_path / 'r.db'}", tmp_path / "can.log", 4.0)
+    loads = {rig.name: rig.options.load.bulge_mm for rig in found.settings.rigs}  # type: ignore[attr-defined]
+    assert (loads["front_left"], loads["front_right"]) == (7.0, 4.0)
 
 
 def test_every_second_vehicle_has_one_wheel_out_of_tolerance() -> None:

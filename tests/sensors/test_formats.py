@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from alignment.errors import ConfigurationError, FormatError
 from alignment.geometry.cameras import PosedCamera
+from alignment.values import Placing
 from sensors.formats import (
     SCHEMAS,
     WheelTruth,
@@ -141,6 +142,49 @@ def test_a_measured_pose_of_the_rig_has_its_rows_in_the_covariance(tmp_path):
     assert (exact[:size, :size] == covariance[:size, :size]).all()
     assert (exact[size:] == 0.0).all()
     assert (exact[:, size:] == 0.0).all()
+
+
+def placed(**changes):
+    shared = np.diag([1e-5, 1e-5, 1e-4, 0.5, 0.5, 0.5, 1e-5]) ** 2
+    pose = np.diag([1e-5, 2e-5, 3e-5, 0.02, 0.02, 0.02]) ** 2 + 1e-13
+    return Placing(
+        **({"view": "gauge, seen 2026-11-30", "pose_covariance": pose, "shared_covariance": shared} | changes)
+    )
+
+
+def test_what_a_view_of_the_gauge_frame_leaves_unknown_reads_back_to_the_last_bit(tmp_path):
+    """No file said it: a station took its rigs for independent of each other."""
+    known = replace(calibration(covariance=False), vehicle_from_rig_measured=True, placing=placed())
+    write_calibration(tmp_path / "c.json", known, method="gauge", created_utc=TIME)
+    found = read_calibration(tmp_path / "c.json").placing
+    assert found.view == known.placing.view
+    np.testing.assert_array_equal(found.pose_covariance, known.placing.pose_covariance)
+    np.testing.assert_array_equal(found.shared_covariance, known.placing.shared_covariance)
+
+
+def test_a_calibration_of_an_earlier_program_says_nothing_of_its_placing(calibration_file):
+    content = json.loads(calibration_file.read_text())
+    content.pop("placing", None)
+    calibration_file.write_text(json.dumps(content))
+    assert read_calibration(calibration_file).placing is None
+
+
+@pytest.mark.parametrize(
+    ("field", "rows"),
+    [
+        ("pose_covariance", np.eye(5)),
+        ("shared_covariance", np.eye(6)),
+        ("shared_covariance", -np.eye(7)),
+        ("pose_covariance", np.triu(np.ones((6, 6)))),
+    ],
+)
+def test_a_placing_that_is_no_covariance_is_one_clear_error(calibration_file, field, rows):
+    content = json.loads(calibration_file.read_text())
+    good = {"view": "v", "pose_covariance": np.eye(6).tolist(), "shared_covariance": np.eye(7).tolist()}
+    content["placing"] = good | {field: rows.tolist()}
+    calibration_file.write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=rf"placing.*{field}"):
+        read_calibration(calibration_file)
 
 
 def test_a_calibration_file_says_when_and_how_it_was_made(tmp_path):

@@ -33,7 +33,7 @@ from station.cycle.words import (
     StationState,
     StationStatus,
     Trigger,
-    overall_outcome,
+    vehicle_outcome,
 )
 from tests.sensors.samples import calibration as sample_calibration
 from tests.sensors.samples import shot as sample_shot
@@ -145,8 +145,7 @@ class FakeLine:
         self.sent.append((sequence, wheel_answers, axle_answers, vehicle_answer))
         if self.acknowledges:
             self.queue.append(Acknowledge(sequence))
-        answers = (*wheel_answers, *axle_answers, *(() if vehicle_answer is None else (vehicle_answer,)))
-        return overall_outcome(answer.outcome for answer in answers)
+        return vehicle_outcome(wheel_answers, axle_answers, vehicle_answer)
 
     def restore_results(
         self, sequence: int, wheel_answers: Any, axle_answers: Any = (), vehicle_answer: Any = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from alignment.errors import LineError
-from station.cycle import AxleAnswer, Outcome, QuantityState, WheelAnswer, overall_outcome
+from station.cycle import AxleAnswer, Outcome, QuantityState, WheelAnswer, vehicle_outcome
 from station.line.wire import (
     LineDatabase,
     Value,
@@ -51,8 +51,7 @@ def read_results(
         for name, ending in database.axles.items()
     )
     vehicle = read_vehicle(results["VehicleResult"], read_geometry(database, results))
-    answers: tuple[WheelAnswer | AxleAnswer, ...] = wheels + axles
-    parts = overall_outcome(answer.outcome for answer in answers)
+    parts = vehicle_outcome(wheels, axles, None)
     if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
         raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
     missed = [q.name for q in vehicle.geometry.quantities if q.state is QuantityState.NOK]

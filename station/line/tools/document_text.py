@@ -42,9 +42,9 @@ FOR_PLC_PROGRAMMERS = """
    `ResultValid` is gone, and go back to none.
 7. **A wheel is good only** when its `Outcome` is ok, and the vehicle only when `VehicleResult.Outcome` is ok.
    nok is a vehicle out of limits; fault, aborted and anything else is a vehicle that was not measured. The
-   vehicle's verdict holds the lengths that have limits too; `Geometry…` says which of them it was. Run-out
-   is judged by itself (`WheelAxis….RunOutState`): a wheel with too much of it may be ok, as no tie rod
-   changes it.
+   vehicle's verdict holds the lengths that have limits too; `Geometry…` says which of them it was. So it
+   does the run-outs that have a limit; `WheelAxis….RunOutState` says which of them it was. The wheel's own
+   `Outcome` does not: it is that of its angles, and no turn of a tie rod changes a run-out.
 8. **Judge frames before you use them**: CRC, counter, and time (see the columns of the messages). A frame
    that does not count did not happen. Without a good `Status` in time take the station as lost: withdraw
    the command, treat the vehicle as not measured, and go on with (2) when it comes back.

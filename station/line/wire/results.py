@@ -21,7 +21,7 @@ from station.cycle import (
     QuantityState,
     VehicleAnswer,
     WheelAnswer,
-    overall_outcome,
+    vehicle_outcome,
 )
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.dbc_needs import INVALID
@@ -279,7 +279,7 @@ def result_frames(
     axle_answers: Sequence[AxleAnswer],
     vehicle: VehicleAnswer,
 ) -> tuple[Outcome, list[can.Message]]:
-    """All frames of a vehicle's results in the order of sending, and its outcome: see `overall_outcome`.
+    """All frames of a vehicle's results in the order of sending, and its outcome: see `vehicle_outcome`.
 
     Wheels and axles without an answer become not requested.
 
@@ -300,8 +300,7 @@ def result_frames(
             expected=f"an outcome for {', '.join(requested)} and no other wheel",
             seen=", ".join(sorted(answered)) or "none",
         )
-    answers: list[WheelAnswer | AxleAnswer | VehicleAnswer] = [*wheels.values(), *axles.values(), vehicle]
-    overall = overall_outcome(answer.outcome for answer in answers)
+    overall = vehicle_outcome(wheels.values(), axles.values(), vehicle)
     frames: list[can.Message] = []
     for name in database.wheels:
         frames += wheel_frames(

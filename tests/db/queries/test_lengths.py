@@ -21,7 +21,15 @@ from db.queries import (
     reasons,
     value_series,
 )
-from db.records import GEOMETRY_LIMITED, CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelKind
+from db.records import (
+    GEOMETRY_LIMITED,
+    AngleVerdict,
+    CycleOutcome,
+    CycleRecord,
+    VehicleRecord,
+    Verdict,
+    WheelKind,
+)
 from db.store import ResultStore
 from db.sums import bring_up_to_date
 from db.upkeep.check import check_database
@@ -40,15 +48,17 @@ def vehicles(n: int = 24) -> list[CycleRecord]:
         good = 1510.125 <= track <= 1514.875
         turned = wheel(
             "front_left", kind=WheelKind.SPIN_AXIS, run_out=float(rng.uniform(0.1, 1.4)), run_out_u=0.05,
-            run_out_high=1.0, load_mm=0.25, toe_tyre_u=6e-6,
+            run_out_high=1.0, run_out_phase=float(rng.uniform(-3.0, 3.0)), run_out_phase_u=0.02, load_mm=0.25,
+            toe_tyre_u=6e-6,
         )  # fmt: skip
+        accepted = good and turned.run_out_verdict is AngleVerdict.OK
         found.append(
             cycle(
                 UUID(int=number + 1),
                 vehicle=VehicleRecord(f"TRUEWHEEL{number:08d}", "compact"),
                 received_utc=NOON + timedelta(minutes=11 * number),
                 measured_utc=NOON + timedelta(minutes=11 * number + 1),
-                outcome=CycleOutcome.OK if good else CycleOutcome.NOK,
+                outcome=CycleOutcome.OK if accepted else CycleOutcome.NOK,
                 wheels=(turned, *map(wheel, WHEELS[1:])),
                 geometry=geometry(track_front=track, verdict=Verdict.OK if good else Verdict.NOK),
             )

@@ -22,6 +22,7 @@ from db.upkeep.shipping import Shipper
 from station.cli import app
 from tests.db.example_plant import plant
 from tests.db.example_records import CALIBRATION, cycle, study, study_value
+from tests.db.queries.test_lengths import RECORDS as VEHICLES
 
 
 @pytest.fixture
@@ -64,6 +65,20 @@ def test_a_copy_restores_to_the_same_results(filled: str, elsewhere: str, tmp_pa
         restore(copy, elsewhere)
     with pytest.raises(FormatError, match="Name another; it is left alone"):
         backup(filled, copy)
+
+
+def test_lengths_and_run_outs_come_back_from_a_copy(filled: str, elsewhere: str, tmp_path: Path) -> None:
+    with ResultStore(filled) as store:
+        for record in VEHICLES:
+            store.write_cycle(record)
+    copy = tmp_path / "copy"
+    backup(filled, copy)
+    restore(copy, elsewhere)
+    with ResultStore(elsewhere) as store:
+        found = {stored.record.uuid: stored.record for stored in store.recent_cycles(200)}
+    for record in VEHICLES:
+        assert found[record.uuid] == record
+    assert check_database(elsewhere, days=None).findings == ()
 
 
 def test_a_copy_of_another_kind_of_database_is_refused(filled: str, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from station.cli import app
 from station.configuration.settings import read_configuration
 from station.quality.reports.compare import TEMPERATURE
 from tests.db.example_records import CALIBRATION, cycle, shot, station
+from tests.db.queries.test_lengths import RECORDS as VEHICLES
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 NOW = datetime.now(UTC)
@@ -62,6 +63,24 @@ def test_evidence_stays_while_any_other_image_could_go(
     assert kept(store).shots == 1
     assert evidence.exists()
     assert leaving(store, policy, NOW) == ()
+
+
+def test_images_that_leave_take_no_length_and_no_run_out_with_them(
+    store: ResultStore, tmp_path: Path
+) -> None:
+    images = tmp_path / "images"
+    for number, record in enumerate(VEHICLES[:4]):
+        store.write_cycle(record)
+        path = images / str(record.uuid)
+        path.mkdir(parents=True)
+        (path / "left.png").write_bytes(bytes(1000))
+        store.record_shot(
+            shot(record.uuid, path=path.name, bytes=1000, archived_utc=NOW - (40 + number) * DAY)
+        )
+    assert enforce(store, images, Policy(1000, 30.0, 30.0), NOW)
+    assert kept(store).shots == 0
+    found = {stored.record.uuid: stored.record for stored in store.recent_cycles(9)}
+    assert found == {record.uuid: record for record in VEHICLES[:4]}
 
 
 @pytest.fixture

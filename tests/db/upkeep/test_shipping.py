@@ -13,10 +13,12 @@ from sqlalchemy import select
 
 from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
 from db.connection import make_engine, migrate, parse_url, station_lock
+from db.queries import Characteristic, Quantity, ResultReader, value_series
 from db.records import ArchiveRemoval, CalibrationRecord, EventRecord, Severity
 from db.schema import arrivals, cycles
 from db.store import ResultStore
 from db.upkeep.background import BackgroundWork
+from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper, StationTakenError
 from tests.db.example_records import (
     CALIBRATION,
@@ -32,6 +34,9 @@ from tests.db.example_records import (
     study_value,
     zero,
 )
+from tests.db.queries.test_lengths import RECORDS as VEHICLES
+
+QUANTITIES = (("vehicle", Quantity.TRACK_FRONT), ("front_left", Quantity.RUN_OUT))
 
 
 @pytest.fixture
@@ -106,6 +111,32 @@ def test_every_kind_of_record_arrives_equal(
     assert central.calibration_checks(CALIBRATION.id)[0].reason == check().reason
     assert central.zeros() != ()
     assert ship_all(shipper) == 0
+
+
+def test_lengths_and_run_outs_arrive_as_they_were_stored(
+    station_store: ResultStore,
+    shipper: Shipper,
+    local_url: str,
+    central_url: str,
+    open_store: Callable[..., ResultStore],
+) -> None:
+    """Columns of a later revision than the rest: what is shipped must not stop at those of the first."""
+    for record in VEHICLES:
+        station_store.write_cycle(record)
+    ship_all(shipper)
+    central = open_store(central_url, create=False)
+    found = {stored.record.uuid: stored.record for stored in central.recent_cycles(99)}
+    assert found == {record.uuid: record for record in VEHICLES}
+    assert any(record.geometry is not None and record.geometry.track_front for record in found.values())
+    assert any(wheel.run_out_phase is not None for record in found.values() for wheel in record.wheels)
+    with ResultReader(central_url) as reader:
+        asked = [value_series(reader, Characteristic(*name)).value for name in QUANTITIES]
+    with ResultReader(local_url) as reader:
+        own = [value_series(reader, Characteristic(*name)).value for name in QUANTITIES]
+    for there, here in zip(asked, own, strict=True):
+        assert len(there) == len(VEHICLES) - 1
+        assert there.tolist() == here.tolist()
+    assert check_database(central_url, days=None).findings == ()
 
 
 def test_order_is_kept_and_shipping_resumes_where_it_stopped(

@@ -37,7 +37,7 @@ def turning(scene: WheelScene, rollers: Rollers, seed: int = 1) -> TurningWheel:
 
 
 def test_a_wheel_turns_on_with_every_exposure_and_wanders_slowly_within_bounds(scene: WheelScene) -> None:
-    wheel = turning(scene, Rollers())
+    wheel = turning(scene, Rollers(interval_s=0.14))
     poses = [wheel.exposure(k).pose for k in range(1, 33)]
     steps = np.diff([pose.spin for pose in poses])
     assert steps.mean() == pytest.approx(3.0 * 0.14, rel=0.02)
@@ -65,7 +65,7 @@ def test_the_truth_of_a_series_is_the_mean_of_its_spin_axes(scene: WheelScene) -
     assert mean.spin_camber_deg == pytest.approx(np.mean([t.spin_camber_deg for t in truths]), abs=1e-6)
     assert mean.spin_toe_deg == pytest.approx(np.mean([t.spin_toe_deg for t in truths]), abs=1e-6)
     assert (mean.camber_deg, mean.toe_deg) == (mean.spin_camber_deg, mean.spin_toe_deg)
-    assert mean.spin_angle_deg == pytest.approx(math.degrees(15 * 3.0 * 0.14), rel=0.05)
+    assert mean.spin_angle_deg == pytest.approx(math.degrees(15 * 3.0 * 0.28), rel=0.05)
     assert (mean.load, mean.second_harmonic_mm) == (scene.load, 0.4)
     # The tyre plane runs around it on a cone.
     assert np.ptp([t.camber_deg for t in truths]) == pytest.approx(math.degrees(2 * 0.003), rel=0.3)
@@ -126,9 +126,9 @@ def test_every_shot_after_arming_is_the_next_exposure_of_one_wheel(monkeypatch: 
     assert seen[0].tyre is seen[-1].tyre
     assert seen[0].turning == pytest.approx(0.012)
     turns = np.diff([math.radians(t.spin_angle_deg) for t in truths])
-    np.testing.assert_allclose(turns, 0.42, atol=1e-9)
+    np.testing.assert_allclose(turns, 0.84, atol=1e-9)
     assert rig.series_truth.spin_camber_deg == pytest.approx(truths[0].spin_camber_deg)
-    assert rig.series_truth.spin_angle_deg == pytest.approx(math.degrees(0.84))
+    assert rig.series_truth.spin_angle_deg == pytest.approx(math.degrees(1.68))
     assert rig.series_truth.load == road.load
     rig.arm()
     rig.shoot(1.0)

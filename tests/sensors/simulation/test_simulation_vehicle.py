@@ -13,9 +13,10 @@ from pydantic import ValidationError
 
 from alignment.errors import ConfigurationError
 from alignment.vehicle.angles import camber_toe
+from alignment.vehicle.wheel_axes import FOUR_WHEELS
 from sensors.camera import CameraSettings
 from sensors.drivers.driver import RigPlace
-from sensors.formats.vehicle import CORNERS, VehicleTruthFile
+from sensors.formats.vehicle import VehicleTruthFile
 from sensors.frames import FrameTolerance
 from sensors.simulation import simulated_rig
 from sensors.simulation.driver import DRIVER, SimulatedOptions
@@ -46,7 +47,7 @@ def stand() -> SimulatedStand:
 
 def truth(vehicle: Vehicle, stand: SimulatedStand) -> VehicleTruthFile:
     return truth_of_vehicle(
-        vehicle, stand, {wheel: truth_of(vehicle.scene(wheel, stand)) for wheel in CORNERS}, turned=False
+        vehicle, stand, {wheel: truth_of(vehicle.scene(wheel, stand)) for wheel in FOUR_WHEELS}, turned=False
     )
 
 
@@ -72,7 +73,7 @@ def test_a_vehicle_that_stands_askew_keeps_its_own_angles_and_shows_the_stand_ot
     )
     assert askew.yaw_deg == pytest.approx(yaw_deg, abs=1e-9)
     assert askew.place_mm == pytest.approx(place, abs=1e-9)
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         own, before = askew.wheels[wheel], square.wheels[wheel]
         assert (own.camber_deg, own.toe_deg) == pytest.approx((before.camber_deg, before.toe_deg), abs=1e-9)
         turned = -yaw_deg if side_of(wheel) == "left" else yaw_deg
@@ -89,7 +90,7 @@ def test_the_truth_is_where_the_scenes_put_the_wheels(stand: SimulatedStand) -> 
     vehicle = draw_vehicle(5, SPEC, VehicleDraw(tyre_width_sigma_mm=1.0), math.radians(0.3), (5.0, -8.0))
     found = truth(vehicle, stand)
     middles = {}
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         scene, rig = vehicle.scene(wheel, stand), stand.rigs[wheel]
         pose = rig.vehicle_from_rig @ scene.rig_from_tyre(rig)
         normal = pose.rotation[:, 2]
@@ -105,7 +106,7 @@ def test_the_truth_is_where_the_scenes_put_the_wheels(stand: SimulatedStand) -> 
         reference = pose.apply(np.array([0.0, 0.0, highest]))
         np.testing.assert_allclose(found.wheels[wheel].reference_mm, reference, atol=1e-3)
         middles[wheel] = reference - 0.5 * found.wheels[wheel].tyre_width_mm * normal
-    along = sum(middles[w] if w.startswith("front") else -middles[w] for w in CORNERS)
+    along = sum(middles[w] if w.startswith("front") else -middles[w] for w in FOUR_WHEELS)
     assert math.degrees(math.atan2(along[1], along[0])) == pytest.approx(found.yaw_deg, abs=1e-5)
     # The contact centre lies under the middle, by camber further out or in.
     height = middles["rear_left"][2] - ROAD_Z_MM
@@ -136,7 +137,7 @@ def test_a_rod_turns_the_toe_of_its_wheel_alone_and_a_bolt_its_camber(stand: Sim
 def test_one_seed_is_one_vehicle_whatever_it_weighs(stand: SimulatedStand) -> None:
     light, loaded = draw_vehicle(7, SPEC), draw_vehicle(7, SPEC, VehicleDraw(load_mm=6.0))
     other = draw_vehicle(8, SPEC)
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         assert loaded.corners[wheel].angles == light.corners[wheel].angles != other.corners[wheel].angles
         assert light.corners[wheel].load is None
         load = loaded.corners[wheel].load
@@ -155,7 +156,7 @@ def vehicle_load_is_told(vehicle: Vehicle, stand: SimulatedStand, wheel: str) ->
 def test_run_out_leaves_the_spin_axes_and_turns_with_the_wheels(stand: SimulatedStand) -> None:
     plain, uneven = (draw_vehicle(9, SPEC, VehicleDraw(runout_mm=mm)) for mm in (0.0, 2.0))
     a, b = truth(plain, stand), truth(uneven, stand)
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         one, two = a.wheels[wheel], b.wheels[wheel]
         assert (two.spin_camber_deg, two.spin_toe_deg) == pytest.approx(
             (one.camber_deg, one.toe_deg), abs=0.01
@@ -182,7 +183,7 @@ def test_rigs_of_one_seed_see_the_wheels_of_one_vehicle_and_then_of_the_next(
         simulated_rig, "camera_image", lambda *_: noise.integers(0, 9, (4, 4), dtype=np.uint8)
     )
     asked = {"yaw_deg": 0.5, "offset_mm": 20.0, "load_mm": 5.0}
-    rigs = {wheel: rig_of(wheel, vehicle=asked) for wheel in CORNERS}
+    rigs = {wheel: rig_of(wheel, vehicle=asked) for wheel in FOUR_WHEELS}
     stand = build_stand(SPEC, 4, "ccir")
     yaws = []
     for _ in range(2):

@@ -78,6 +78,7 @@ def test_rigs_get_their_true_pose_in_the_vehicle(
     said = json.loads(capsys.readouterr().out)
     assert (said["outcome"], said["reason"], said["stored"]) == ("accepted", None, True)
     assert said["figures"]["largest_transfer_u95_arcmin"] < 0.05
+    views: set[str] = set()
     for rig, one in zip(RIGS, said["rigs"], strict=True):
         assert one["rig"] == rig
         before = read_calibration(session / rig / "calibration.json")
@@ -95,10 +96,21 @@ def test_rigs_get_their_true_pose_in_the_vehicle(
         assert np.abs(off).max() < 3.0 * 0.06 * ARCMIN
         assert np.abs(after.vehicle_from_rig.translation - truth.vehicle_from_rig.translation).max() < 0.08
         assert max(abs(one["camber_change_arcmin"]), abs(one["toe_change_arcmin"])) > 1.0
+        assert after.placing is not None
+        assert after.placing.view.startswith("gauge, seen 20")
+        views.add(after.placing.view)
+        stated = read_gauge_frame(frame).file.whole.covariance()
+        np.testing.assert_array_equal(after.placing.shared_covariance, stated)
+        assert after.covariance is None or np.allclose(
+            after.covariance[-6:, -6:], after.placing.pose_covariance, rtol=1e-6
+        )
+        # How the frame stands is in the pose of each rig too: half a minute of yaw.
+        assert after.placing.pose_covariance[1, 1] >= (0.5 * ARCMIN) ** 2
         with ResultStore(url) as store:
             stored = store.calibration(after.id)
         assert stored is not None
         assert stored.document["vehicle_from_rig"]["measured"] is True
+    assert len(views) == 1
 
 
 def pose_of_plate(frame: Path, rig: str) -> RigidTransform:

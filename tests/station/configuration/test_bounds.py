@@ -120,7 +120,7 @@ BOUNDS = (
     Bounds(VehicleOptions, "runout_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
     Bounds(VehicleOptions, "tyre_width_sigma_mm", 0.0, 0.0, -JUST, 5.0, 5.001),
     Bounds(RollerOptions, "speed_deg_s", 170.0, -720.0, -720.01, 720.0, 720.01),
-    Bounds(RollerOptions, "interval_s", 0.14, NOUGHT, 0.0, 10.0, 10.001),
+    Bounds(RollerOptions, "interval_s", 0.28, NOUGHT, 0.0, 10.0, 10.001),
     Bounds(RollerOptions, "wander_mm", 1.0, 0.0, -JUST, 20.0, 20.001),
     Bounds(RollerOptions, "wander_deg", 0.05, 0.0, -JUST, 2.0, 2.001),
     Bounds(LoadOptions, "bulge_mm", 0.0, 0.0, -JUST, 30.0, 30.001),

@@ -38,7 +38,7 @@ def changed(station: Path, cycle: str = "", kind: str = "") -> Configuration:
 def test_single_exposures_are_measured_unless_somebody_says_otherwise(station: Path) -> None:
     read = changed(station)
     choice = series_choice(read.settings)
-    assert choice == SeriesChoice("tyre_plane", 16, math.radians(270.0), 0.25)
+    assert choice == SeriesChoice("tyre_plane", 16, math.radians(600.0), 0.25)
     assert all(choice.plan(kind) is None for kind in read.vehicle_types.values())
 
 
@@ -46,7 +46,7 @@ def test_a_vehicle_type_takes_the_stations_numbers_and_may_have_its_own(station:
     read = changed(station, 'measure = "spin_axis"\nexposures = 20', "exposures = 24\nleast_turn_deg = 300.0")
     plans = [series_choice(read.settings).plan(read.vehicle_types[number]) for number in (1, 2)]
     rules = [(plan.rules.exposures, math.degrees(plan.rules.least_turn)) for plan in plans if plan]
-    assert sorted((n, round(turn)) for n, turn in rules) == [(20, 270), (24, 300)]
+    assert sorted((n, round(turn)) for n, turn in rules) == [(20, 600), (24, 300)]
 
 
 def test_one_vehicle_type_alone_may_be_measured_on_rollers_or_not(station: Path) -> None:
@@ -62,12 +62,12 @@ def test_one_vehicle_type_alone_may_be_measured_on_rollers_or_not(station: Path)
         ("exposures = 11", "", "cycle.exposures"),
         ("exposures = 65", "", "cycle.exposures"),
         ("least_turn_deg = 119.0", "", "cycle.least_turn_deg"),
-        ("exposures = 12\nleast_turn_deg = 330.0", "", "less than 330"),
+        ("exposures = 12\nleast_turn_deg = 1871.0", "", "at most 1870"),
         ("exposure_interval_s = -1.0", "", "cycle.exposure_interval_s"),
         (f"{SPIN}\nexposure_interval_s = 9.0\nmeasure_timeout_s = 100.0", "", "measure_timeout_s"),
         ("", "exposures = 11", "exposures"),
-        ("", "least_turn_deg = 360.0", "least_turn_deg"),
-        ("least_turn_deg = 335.0", "exposures = 12", "with the vehicle type"),
+        ("", "least_turn_deg = 20000.0", "least_turn_deg"),
+        ("least_turn_deg = 1871.0", "exposures = 12", "with the vehicle type"),
         ("exposure_interval_s = 3.0\nmeasure_timeout_s = 100.0", f"{SPIN}\nexposures = 60", "vehicle type"),
         ("", "run_out_radius_mm = 30.0", "run_out_radius_mm"),
     ],

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from alignment.values import Refusal, RefusalCode
-from db.records import Verdict
+from db.records import CycleOutcome, Verdict
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import Standing, answers_of
 from station.cycle.geometry_answer import geometry_answer
@@ -155,6 +155,6 @@ def test_run_out_goes_to_the_line_with_a_verdict_of_its_own(most_mm: float, stat
         assert 0.0 < wheel.run_out_u95_mm < 0.2
         assert 0.0 <= wheel.high_spot_deg < 360.0
     lost = tuple(replace(wheel, run_out=None, run_out_u=None) for wheel in report.record.wheels)
-    answers = answers_of(replace(report.record, wheels=lost), Standing.COMMITTED)
+    answers = answers_of(replace(report.record, wheels=lost, outcome=CycleOutcome.OK), Standing.COMMITTED)
     assert {wheel.run_out_state for wheel in answers.wheels} == {QuantityState.NOT_MEASURED}
     assert {wheel.high_spot_deg for wheel in answers.wheels} == {None}

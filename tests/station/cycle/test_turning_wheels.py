@@ -15,7 +15,7 @@ import pytest
 
 from alignment.units import ARCMIN
 from alignment.values import Refusal, RefusalCode, WheelMeasurement
-from db.records import Severity, WheelKind, WheelOutcome
+from db.records import CycleOutcome, Severity, Verdict, WheelKind, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.series import MOST_WAITING, SeriesChoice
@@ -141,13 +141,57 @@ def test_run_out_without_a_limit_is_stored_and_not_judged() -> None:
     with opened(types={3: kind}) as bench:
         report = bench.trigger(vehicle_type=3)
     assert report is not None
+    assert report.told is Outcome.OK
     for stored in report.record.wheels:
         assert stored.run_out == pytest.approx(2.0, abs=0.06)
         assert stored.run_out_high is None
 
 
-@pytest.mark.parametrize(("most_mm", "severity"), [(2.5, Severity.INFO), (1.9, Severity.WARNING)])
-def test_run_out_is_stored_and_has_a_verdict_of_its_own(most_mm: float, severity: Severity) -> None:
+@pytest.mark.parametrize("k", [2.0, 1.96, 1.7])
+def test_run_out_at_the_edge_of_its_limit_is_judged_alike_in_record_and_cycle(k: float) -> None:
+    """Judged as a tilt and stored in millimetres, the two could fall on both sides of the limit."""
+    with opened(coverage_factor=k) as bench:
+        report = bench.trigger(wheels=["front_left"], vehicle_type=3)
+        assert report is not None
+        (found,) = report.record.wheels
+        assert found.run_out is not None
+        assert found.run_out_u is not None
+        edge = found.run_out + k * found.run_out_u
+    told = set()
+    for most_mm in (math.nextafter(edge, 9.0), edge, math.nextafter(edge, 0.0), edge - 1e-9):
+        axle = SPUN | {"run_out_mm": most_mm}
+        kind = VehicleType.model_validate(
+            TURNING.model_dump(exclude_none=True) | {"axles": {"front": axle, "rear": axle}}
+        )
+        with opened(coverage_factor=k, types={3: kind}) as bench:
+            report = bench.trigger(wheels=["front_left"], vehicle_type=3)
+            (answer,) = bench.line.sent[-1][1]
+        assert report is not None
+        assert report.record.outcome == str(report.told) == str(answer.run_out_state)
+        told.add(report.told)
+    assert told == {Outcome.OK, Outcome.NOK}
+
+
+def test_run_out_of_a_part_of_a_vehicle_fails_it_too() -> None:
+    """Two wheels of an axle have no verdict of a whole vehicle's angles, and run-outs all the same."""
+    axle = SPUN | {"run_out_mm": 1.9}
+    kind = VehicleType.model_validate(
+        TURNING.model_dump(exclude_none=True) | {"axles": {"front": axle, "rear": axle}}
+    )
+    with opened(types={3: kind}) as bench:
+        report = bench.trigger(wheels=["front_left"], vehicle_type=3)
+    assert report is not None
+    assert (report.told, report.record.outcome) == (Outcome.NOK, CycleOutcome.NOK)
+
+
+@pytest.mark.parametrize(
+    ("most_mm", "severity", "told"),
+    [(2.5, Severity.INFO, Outcome.OK), (1.9, Severity.WARNING, Outcome.NOK)],
+)
+def test_run_out_beyond_its_limit_fails_the_vehicle_and_not_the_angles_of_its_wheels(
+    most_mm: float, severity: Severity, told: Outcome
+) -> None:
+    """The vehicle was told OK, whatever its tyres ran out by."""
     axle = SPUN | {"run_out_mm": most_mm}
     kind = VehicleType.model_validate(
         TURNING.model_dump(exclude_none=True) | {"axles": {"front": axle, "rear": axle}}
@@ -155,7 +199,10 @@ def test_run_out_is_stored_and_has_a_verdict_of_its_own(most_mm: float, severity
     with opened(types={3: kind}) as bench:
         report = bench.trigger(vehicle_type=3)
     assert report is not None
-    assert report.told is Outcome.OK
+    assert report.told is told
+    assert report.record.outcome == str(told)
+    assert {wheel.verdict for wheel in report.record.wheels} == {Verdict.OK}
+    assert set(bench.line.outcomes.values()) == {Outcome.OK}
     events = [event for event in bench.store.events if event.code == "run_out"]
     assert len(events) == len(WHEELS)
     for event in events:
@@ -273,7 +320,7 @@ def test_a_wheel_that_turns_less_than_asked_is_refused(bench: TurningBench) -> N
     bench.planes["front_left"] = deque(planes)
     assert bench.trigger(wheels=["front_left"], vehicle_type=3) is not None
     assert wheel_of(bench).reason_code == "turn_too_short"
-    assert "180° of a turn" in wheel_of(bench).reason_text
+    assert "turned by 180°" in wheel_of(bench).reason_text
 
 
 def test_a_camera_that_fails_amid_a_series_is_a_fault(bench: TurningBench) -> None:
@@ -373,7 +420,8 @@ def test_adjusting_shows_the_axis_of_single_exposures_and_not_their_planes(bench
         assert angles.camber_deg == pytest.approx(math.degrees(last[0]), abs=1.5 / 60.0)
         assert angles.toe_deg == pytest.approx(math.degrees(last[1]), abs=1.5 / 60.0)
         assert angles.kind is AxisKind.SPIN_AXIS
-    assert rig.taken == 16
+    # One series, single exposures, one series, all of the wheel that stood there when it was armed.
+    assert rig.taken >= 16 + 3 + 16
 
 
 def test_a_wheel_whose_series_is_refused_shows_no_live_angles(bench: TurningBench) -> None:

@@ -14,8 +14,10 @@ import pytest
 from alignment.geometry.transforms import RigidTransform
 from alignment.units import ARCMIN
 from alignment.values import (
+    Placing,
     Refusal,
     RefusalCode,
+    RigCalibration,
     Side,
     WheelMeasurement,
     WheelReference,
@@ -23,13 +25,16 @@ from alignment.values import (
 )
 from alignment.vehicle.angles import camber_toe, normal_from_angles
 from alignment.vehicle.geometry import TYRE_WIDTH
-from alignment.vehicle.wheel_axes import Stand
+from alignment.vehicle.placed import pose_by_frame
+from alignment.vehicle.wheel_axes import Stand, WheelAxis
 from db.records import OF_GEOMETRY, CheckOutcome, CycleOutcome, Verdict, WheelKind
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame, Reference
 from station.cycle.judging import evaluate
+from station.cycle.positions import WheelResult
 from station.cycle.verdict import Status
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, StationState, Stop
+from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import WHEELS, Bench, measurement, open_bench
 
 PLACES = {
@@ -407,3 +412,39 @@ def test_ordinary_limits_of_lengths_are_no_master_s() -> None:
         (event,) = [event for event in bench.store.events if event.code == "no_master"]
         assert "no check of wheelbase left, track front" in event.text
         assert "wider than ±4 mm" in event.text
+
+
+def test_what_rigs_of_one_view_share_is_counted_once_for_the_vehicle() -> None:
+    """A frame that stood askew by 2′ when the rigs saw it made every single toe uncertain by as much."""
+    shared = np.diag([0.0, 0.0, 2.0 * ARCMIN, 0.0, 0.0, 0.0, 0.0]) ** 2
+    rigs, results = {}, []
+    for name, place in PLACES.items():
+        pose = RigidTransform(nominal_vehicle_from_rig(side_of(name)).rotation, np.array(place))
+        by = pose_by_frame(pose)
+        rigs[name] = replace(
+            sample_calibration(rig=name, covariance=False),
+            side=side_of(name),
+            vehicle_from_rig=pose,
+            vehicle_from_rig_measured=True,
+            placing=Placing("gauge, seen once", by @ shared @ by.T, shared),
+        )
+        found = seen(0.0)[name]
+        assert found.reference is not None
+        axis = WheelAxis.of(found, found.reference, rigs[name])
+        results.append(WheelResult(name, "c", True, found, None, axis=axis))
+    u = {}
+    for case, known in {"one view": rigs, "views of their own": _apart(rigs), "not said": {}}.items():
+        judged = evaluate(KIND, results, 2.0, CommonFrame(Stand(), "vehicle", known))
+        assert judged.vehicle is not None
+        assert judged.vehicle.geometry is not None
+        u[case] = judged.vehicle.geometry.u("front_left.toe"), judged.vehicle.geometry.u("yaw")
+    assert u["one view"][0] == pytest.approx(u["not said"][0], rel=0.01)
+    assert u["views of their own"][0] > 1.0 * ARCMIN
+    assert u["one view"][1] == pytest.approx(math.hypot(u["not said"][1], 2.0 * ARCMIN), rel=0.01)
+
+
+def _apart(rigs: dict[str, RigCalibration]) -> dict[str, RigCalibration]:
+    return {
+        name: replace(rig, placing=replace(rig.placing, view=name))  # type: ignore[type-var]
+        for name, rig in rigs.items()
+    }

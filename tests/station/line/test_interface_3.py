@@ -307,9 +307,22 @@ def test_whole_vehicle_over_the_bus_and_back(bench: Bench) -> None:
 
 def test_good_vehicle_with_a_length_out_of_limits_is_not_believed() -> None:
     vehicle = VehicleAnswer(Outcome.OK, 0.01, 0.001, geometry=whole(wheelbase_left=QuantityState.NOK))
-    _, frames = result_frames(DATABASE, 1, FOUR, [spin(wheel) for wheel in FOUR], (), vehicle)
+    wheels = [spin(wheel, run_out_state=QuantityState.OK) for wheel in FOUR]
+    _, frames = result_frames(DATABASE, 1, FOUR, wheels, (), vehicle)
     results = {DATABASE.name_of(frame) or "?": DATABASE.decode(frame) for frame in frames}
     with pytest.raises(LineError, match="wheelbase_left"):
+        read_results(DATABASE, results, 1)
+
+
+def test_good_vehicle_with_a_run_out_out_of_limits_is_not_believed() -> None:
+    """Such a vehicle was sent as ok, and the controller took it for one."""
+    vehicle = VehicleAnswer(Outcome.OK, 0.01, 0.001, geometry=whole())
+    told, frames = result_frames(DATABASE, 1, FOUR, [spin(wheel) for wheel in FOUR], (), vehicle)
+    assert told is Outcome.NOK
+    results = {DATABASE.name_of(frame) or "?": DATABASE.decode(frame) for frame in frames}
+    assert read_results(DATABASE, results, 1)[0].outcome is Outcome.NOK
+    results["VehicleResult"] |= {"Outcome": "ok"}
+    with pytest.raises(LineError, match="its parts are nok"):
         read_results(DATABASE, results, 1)
 
 

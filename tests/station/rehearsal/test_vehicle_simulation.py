@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from alignment.errors import FormatError
+from alignment.vehicle.wheel_axes import FOUR_WHEELS
 from sensors.formats import (
-    CORNERS,
     read_calibration,
     read_shot,
     read_truth,
@@ -66,7 +66,7 @@ def test_a_standing_vehicle_has_a_shot_for_each_rig(
     assert read_vehicle_truth(folder / "truth.json") == truth
     stated = read_vehicle_facts(folder / "vehicle.json")
     assert (stated.tyre_width_mm, stated.tyre_width_sigma_mm, stated.wheelbase_mm) == (195.0, 0.5, 2700.0)
-    assert list(stated.rigs) == list(CORNERS)
+    assert list(stated.rigs) == list(FOUR_WHEELS)
     for wheel, rig in stated.rigs.items():
         calibration = read_calibration(folder / rig / "calibration.json")
         assert read_shot(folder / rig).rig == calibration.rig == wheel
@@ -93,7 +93,7 @@ def test_wheels_on_rollers_roll_forward_on_both_sides(
     rollers = Rollers(wander_mm=0.0, wander=0.0)
     truth = write_simulated_vehicle(tmp_path / "v", CONFIG, vehicle, stand, turns=9, rollers=rollers)
     assert all(wheel.kind == "spin_axis" for wheel in truth.wheels.values())
-    for wheel in CORNERS:
+    for wheel in FOUR_WHEELS:
         mean = read_truth(tmp_path / "v" / wheel / "truth.json")
         assert (mean.spin_angle_deg > 100.0) == wheel.endswith("left")
         assert (mean.spin_angle_deg < -100.0) == wheel.endswith("right")

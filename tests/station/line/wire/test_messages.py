@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
+from station.cycle.geometry_words import QuantityState
 from station.cycle.words import (
+    AxisKind,
     AxleAnswer,
     ErrorCode,
     Outcome,
@@ -18,6 +20,7 @@ from station.cycle.words import (
     VehicleAnswer,
     WheelAnswer,
     overall_outcome,
+    vehicle_outcome,
 )
 from station.line.wire.dbc import LineDatabase, Value, load_line_database
 from station.line.wire.messages import LineStatus
@@ -26,6 +29,7 @@ from station.line.wire.results import (
     read_axle,
     read_vehicle,
     read_wheel,
+    result_frames,
     vehicle_frame,
     wheel_frames,
 )
@@ -85,6 +89,21 @@ def test_fault_needs_its_reason() -> None:
 )
 def test_whole_from_its_parts(outcomes: str, whole: str) -> None:
     assert overall_outcome(Outcome(word) for word in outcomes.split()) is Outcome(whole)
+
+
+@pytest.mark.parametrize(
+    ("state", "whole"),
+    [(QuantityState.OK, Outcome.OK), (QuantityState.UNJUDGED, Outcome.OK), (QuantityState.NOK, Outcome.NOK)],
+)
+def test_vehicle_with_a_run_out_beyond_its_limit_is_not_ok(state: QuantityState, whole: Outcome) -> None:
+    wheel = WheelAnswer(
+        "front_left", Outcome.OK, 0.0, 0.0, 0.1, 0.1,
+        kind=AxisKind.SPIN_AXIS, run_out_state=state, run_out_mm=2.0, run_out_u95_mm=0.1,
+    )  # fmt: skip
+    assert vehicle_outcome([wheel], [], None) is whole
+    _, frames = result_frames(DATABASE, 1, ["front_left"], [wheel], [], VehicleAnswer(Outcome.NOT_REQUESTED))
+    by_id = {DATABASE.name_of(frame): DATABASE.decode(frame) for frame in frames}
+    assert by_id["VehicleResult"]["Outcome"] == str(whole)
 
 
 @given(JUDGED, ANGLES, ANGLES, UNCERTAINTIES, UNCERTAINTIES, st.integers(0, 255))
