@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sensors.drivers.driver import SeenCamera
 
-Value = bool | int | float | str
+FeatureValue = bool | int | float | str
 
 
 @dataclass(frozen=True)
@@ -97,11 +97,11 @@ class Device(Protocol):
         """Let it go, whatever state it is in; nothing happens when it is closed."""
         ...
 
-    def get(self, name: str) -> Value | None:
+    def get(self, name: str) -> FeatureValue | None:
         """Return a feature as the camera has it now, not as it was read before; None where it has none."""
         ...
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: FeatureValue) -> None:
         """Set a feature; `LookupError` where the camera has none of this name."""
         ...
 

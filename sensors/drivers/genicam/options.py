@@ -15,7 +15,7 @@ from sensors.drivers.genicam.pixels import PixelFormat
 from sensors.formats.validation import Name, StrictModel
 
 CameraId = Annotated[str, Field(min_length=1, max_length=64)]
-Line = Annotated[str, Field(pattern=r"^Line[0-9]{1,2}$")]
+OutputLine = Annotated[str, Field(pattern=r"^Line[0-9]{1,2}$")]
 _Feature = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 _Text = Annotated[str, Field(max_length=200)]
 _Key = Annotated[int, Field(ge=0, le=0xFFFFFFFF)]
@@ -77,7 +77,7 @@ class GenICamOptions(StrictModel):
         description="Camera that is triggered by command, whose output is the line of the others; without "
         "one something else drives the line",
     )
-    exposure_output: Line | None = Field(
+    exposure_output: OutputLine | None = Field(
         default=None, description="Output that is high while a camera exposes, for the others and the light"
     )
     action: ActionOptions | None = Field(default=None, description="The action command of this rig")

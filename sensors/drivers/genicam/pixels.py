@@ -38,7 +38,6 @@ _CODES = MappingProxyType(
         0x01100007: "Mono16",
     }
 )
-_Bytes = NDArray[np.uint8]
 
 
 def name_of_format(code: int) -> str:
@@ -58,7 +57,9 @@ def bytes_of_image(pixel_format: str, width: int, height: int, padding: int = 0)
     return height * (width * (1 if pixel_format == "Mono8" else 2) + padding)
 
 
-def image_of(buffer: _Bytes, pixel_format: str, width: int, height: int, padding: int = 0) -> Image:
+def image_of(
+    buffer: NDArray[np.uint8], pixel_format: str, width: int, height: int, padding: int = 0
+) -> Image:
     """Return an image of its own, which nothing shares, of what a buffer holds.
 
     Parameters
@@ -87,7 +88,7 @@ def image_of(buffer: _Bytes, pixel_format: str, width: int, height: int, padding
     return found
 
 
-def _packed(buffer: _Bytes, bits: int, width: int, height: int) -> Image:
+def _packed(buffer: NDArray[np.uint8], bits: int, width: int, height: int) -> Image:
     """Of 10 bits four pixels are in five bytes, of 12 two in three; each pixel touches two bytes."""
     together = 4 if bits == 10 else 2
     groups = -(-width * height // together)
@@ -101,7 +102,7 @@ def _packed(buffer: _Bytes, bits: int, width: int, height: int) -> Image:
     return _cut(pixels, width, height)
 
 
-def _packed_in_threes(buffer: _Bytes, bits: int, width: int, height: int) -> Image:
+def _packed_in_threes(buffer: NDArray[np.uint8], bits: int, width: int, height: int) -> Image:
     """The upper eight bits of the first, the lower ones of both, the upper eight of the second."""
     groups = -(-width * height // 2)
     whole, size = _of_whole_groups(buffer, groups, 3)
@@ -116,7 +117,7 @@ def _packed_in_threes(buffer: _Bytes, bits: int, width: int, height: int) -> Ima
     return _cut(pixels, width, height)
 
 
-def _of_whole_groups(buffer: _Bytes, groups: int, size: int) -> tuple[_Bytes, int]:
+def _of_whole_groups(buffer: NDArray[np.uint8], groups: int, size: int) -> tuple[NDArray[np.uint8], int]:
     """Return the bytes of so many groups; a last group that is cut short is filled up."""
     if len(buffer) >= groups * size:
         return buffer[: groups * size], size

@@ -6,6 +6,7 @@ import contextlib
 import os
 import threading
 import time
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ from pydantic import Field
 from alignment.errors import CameraConnectionError, ConfigurationError, told
 from alignment.values import Side
 from sensors.drivers.driver import RigDriver, RigPlace, SeenCamera
-from sensors.drivers.genicam.device import NOTHING, Action, Buffer, Device, Value
+from sensors.drivers.genicam.device import NOTHING, Action, Buffer, Device, FeatureValue
 from sensors.drivers.genicam.options import GenICamOptions, check_options
 from sensors.drivers.genicam.pixels import name_of_format
 from sensors.drivers.genicam.rig import genicam_rig
@@ -154,7 +155,7 @@ class ProducerDevice:
                     self._waiting.release()
                 self._producers.leave(self._producer)
 
-    def get(self, name: str) -> Value | None:
+    def get(self, name: str) -> FeatureValue | None:
         """See `Device.get`."""
         from genicam import genapi
 
@@ -162,14 +163,14 @@ class ProducerDevice:
         readable = (genapi.EAccessMode.RO, genapi.EAccessMode.RW)
         if node is None or node.get_access_mode() not in readable:
             return None
-        value: Value | None = None
+        value: FeatureValue | None = None
         if isinstance(node, genapi.IEnumeration):
             value = str(node.to_string(False, True))
         elif isinstance(node, genapi.IInteger | genapi.IFloat | genapi.IBoolean | genapi.IString):
             value = node.get_value(False, True)
         return value
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: FeatureValue) -> None:
         """See `Device.set`."""
         from genicam import genapi
 
@@ -254,7 +255,7 @@ class ProducerDevice:
         return nodes.get_node(name) if nodes is not None and nodes.has_node(name) else None
 
 
-def check(options: ProducerOptions, place: RigPlace) -> None:
+def _check(options: ProducerOptions, place: RigPlace) -> None:
     """Find what is wrong without a camera.
 
     Raises
@@ -281,9 +282,9 @@ def check(options: ProducerOptions, place: RigPlace) -> None:
         )
 
 
-def make(options: ProducerOptions, place: RigPlace) -> Rig:
+def _make(options: ProducerOptions, place: RigPlace) -> Rig:
     """Return the rig, not connected; see `RigDriver.make`."""
-    check(options, place)
+    _check(options, place)
     producer = (place.folder / options.producer).resolve()
 
     def device(head: str, side: Side, wanted: str) -> Device:
@@ -292,7 +293,7 @@ def make(options: ProducerOptions, place: RigPlace) -> Rig:
     return genicam_rig(options, place, device)
 
 
-def discover() -> list[SeenCamera]:
+def _discover() -> list[SeenCamera]:
     """Return the cameras of all producers that makers' software has announced."""
     _library()
     folders = [Path(name) for name in os.environ.get(PRODUCERS_PATH, "").split(os.pathsep) if name]
@@ -305,7 +306,10 @@ def discover() -> list[SeenCamera]:
 
 def _library() -> Any:
     try:
-        from harvesters import core
+        with warnings.catch_warnings():
+            # Of its bindings, which no user can do anything about.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            from harvesters import core
     except ModuleNotFoundError as error:
         raise ConfigurationError(
             expected="the library 'harvesters' for GenICam cameras",
@@ -316,7 +320,7 @@ def _library() -> Any:
         raise ConfigurationError(
             expected="the library 'harvesters' for GenICam cameras, whole",
             seen=told(error),
-            cure="Install it anew: pip install --force-reinstall 'truewheel[genicam]'",
+            cure="Install it anew: pip install 'truewheel[genicam]'",
         ) from error
     return core
 
@@ -394,5 +398,5 @@ def _nothing_to_release() -> None:
     """Harvesters has taken an incomplete buffer back already."""
 
 
-DRIVER = RigDriver(ProducerOptions, make, check=check, discover=discover)
+DRIVER = RigDriver(ProducerOptions, _make, check=_check, discover=_discover)
 """The driver ``genicam``."""

@@ -11,7 +11,7 @@ from alignment.counting import listed
 from alignment.errors import CameraConnectionError, CameraError, told
 from sensors.camera import CameraSettings, SettingsInForce
 from sensors.drivers.driver import SeenCamera
-from sensors.drivers.genicam.device import Device, Value
+from sensors.drivers.genicam.device import Device, FeatureValue
 from sensors.drivers.genicam.options import GenICamOptions
 from sensors.drivers.genicam.pixels import BITS
 
@@ -29,10 +29,10 @@ class Wanted:
     """A feature, what it must be, and by how much a number may be rounded."""
 
     feature: str
-    value: Value
+    value: FeatureValue
     tolerance: float = 0.0
 
-    def is_met(self, seen: Value | None) -> bool:
+    def is_met(self, seen: FeatureValue | None) -> bool:
         """Whether the camera has it so."""
         if isinstance(self.value, bool | str) or isinstance(seen, bool | str) or seen is None:
             return seen == self.value
@@ -87,7 +87,7 @@ class CameraFeatures:
                     "Set what it can take",
                 ) from error
 
-    def take_if_there(self, name: str, value: Value) -> None:
+    def take_if_there(self, name: str, value: FeatureValue) -> None:
         """Set a feature that not every camera has; one that cannot be written is left alone."""
         with asked_of(self._camera, self._device, f"set {name}"):
             if self._device.get(name) not in (None, value):

@@ -8,7 +8,7 @@ import numpy as np
 
 from alignment.errors import CameraConnectionError
 from sensors.drivers.driver import SeenCamera
-from sensors.drivers.genicam.device import NOTHING, Action, Buffer, Value
+from sensors.drivers.genicam.device import NOTHING, Action, Buffer, FeatureValue
 from sensors.drivers.genicam.pixels import name_of_format
 from sensors.drivers.pylon.library import EMULATION, device_infos, load_pylon, seen_of
 
@@ -89,19 +89,19 @@ class PylonDevice:
                 camera.Close()
                 camera.DestroyDevice()
 
-    def get(self, name: str) -> Value | None:
+    def get(self, name: str) -> FeatureValue | None:
         """See `Device.get`."""
         node = self._node(name)
         if node is None or not node.IsReadable():
             return None
-        value: Value | None = None
+        value: FeatureValue | None = None
         if isinstance(node, self._pylon.EnumParameter):
             value = str(node.ToString(False, True))
         elif not isinstance(node, (self._pylon.CommandParameter, self._pylon.CategoryParameter)):
             value = node.GetValue(False, True)
         return value
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: FeatureValue) -> None:
         """See `Device.set`."""
         node = self._node(name)
         if node is None:

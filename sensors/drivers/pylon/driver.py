@@ -16,7 +16,7 @@ from sensors.drivers.genicam.options import GenICamOptions, check_options
 from sensors.drivers.genicam.rig import genicam_rig
 from sensors.drivers.pylon.device import PylonDevice
 from sensors.drivers.pylon.emulation import EmulatedDevice, images_of
-from sensors.drivers.pylon.library import EMULATION, discover, emulate, load_pylon
+from sensors.drivers.pylon.library import EMULATION, basler_cameras, emulate, load_pylon
 from sensors.drivers.recorded import RecordedOptions, shot_folders
 from sensors.formats import FilePath, StrictModel
 from sensors.rig import Rig
@@ -43,7 +43,7 @@ class PylonOptions(GenICamOptions):
     )
 
 
-def check(options: PylonOptions, place: RigPlace) -> None:
+def _check(options: PylonOptions, place: RigPlace) -> None:
     """Find what is wrong without a camera.
 
     Raises
@@ -71,9 +71,9 @@ def check(options: PylonOptions, place: RigPlace) -> None:
         images_of(folders, head, "left")
 
 
-def make(options: PylonOptions, place: RigPlace) -> Rig:
+def _make(options: PylonOptions, place: RigPlace) -> Rig:
     """Return the rig, not connected; see `RigDriver.make`."""
-    check(options, place)
+    _check(options, place)
     if options.emulation is None:
         device_class = _CLASSES[options.transport]
 
@@ -110,5 +110,5 @@ def _is_emulated(camera: str) -> bool:
     return camera == f"{_SERIAL}{number:0>4}" and number.isdecimal() and int(number) < _MOST_EMULATED
 
 
-DRIVER = RigDriver(PylonOptions, make, check=check, discover=discover)
+DRIVER = RigDriver(PylonOptions, _make, check=_check, discover=basler_cameras)
 """The driver ``pylon``."""

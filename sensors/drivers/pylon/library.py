@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Any
 
 from alignment.errors import ConfigurationError, told
@@ -23,7 +24,10 @@ def load_pylon() -> Any:
         When it is not installed, or does not load.
     """
     try:
-        from pypylon import pylon
+        with warnings.catch_warnings():
+            # Of its bindings, which no user can do anything about.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            from pypylon import pylon
     except ModuleNotFoundError as error:
         raise ConfigurationError(
             expected="Basler's library for its cameras",
@@ -34,7 +38,7 @@ def load_pylon() -> Any:
         raise ConfigurationError(
             expected="Basler's library for its cameras, whole",
             seen=told(error),
-            cure="Install it anew: pip install --force-reinstall 'truewheel[pylon]'",
+            cure="Install it anew: pip install 'truewheel[pylon]'",
         ) from error
     return pylon
 
@@ -79,6 +83,6 @@ def seen_of(info: Any) -> SeenCamera:
     )
 
 
-def discover() -> list[SeenCamera]:
+def basler_cameras() -> list[SeenCamera]:
     """Return all cameras that pylon sees."""
     return [seen_of(info) for info in device_infos()]
