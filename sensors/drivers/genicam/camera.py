@@ -17,8 +17,8 @@ from sensors.drivers.driver import SeenCamera
 from sensors.drivers.genicam.counting import FrameIds
 from sensors.drivers.genicam.device import Buffer, Device
 from sensors.drivers.genicam.options import GenICamOptions
-from sensors.drivers.genicam.pixels import bytes_of_image, image_of
-from sensors.drivers.genicam.settings import AppliedSettings, apply_settings, asked_of
+from sensors.drivers.genicam.pixels import ImagePool, bytes_of_image, image_of
+from sensors.drivers.genicam.settings import AppliedSettings, apply_settings, asked_of, require_there
 
 READY_S = 2.0
 """Longest wait until a camera takes the next trigger, beside its exposure time."""
@@ -68,8 +68,9 @@ class GenICamCamera:
         self._expected_serial: str | None = None
         self._applied: AppliedSettings | None = None
         self._ids = FrameIds(0)
-        self._triggers = self._received = self._looked_at = 0
+        self._triggers = self._looked_at = 0
         self._taken: deque[Frame] = deque()
+        self._pool = ImagePool(2 * options.buffers)
         self._temperature: float | None = None
         self._temperature_s: float | None = None
 
@@ -107,7 +108,7 @@ class GenICamCamera:
             device.stop()
             applied = apply_settings(self.name, device, self._seen, self._options, settings, self.leads)
             self._ids = FrameIds(device.first_frame_id)
-            self._triggers = self._received = self._looked_at = 0
+            self._triggers = self._looked_at = 0
             self._taken.clear()
             device.start(self._options.buffers)
             self._applied = applied
@@ -121,9 +122,8 @@ class GenICamCamera:
             if self._options.trigger_source == "Off":
                 self._take_next(device, applied)
             elif not self._options.waits or (self.leads and self._options.action is None):
-                if self._triggers > self._received:
-                    # A trigger amid an exposure would be ignored.
-                    self._await_ready(device)
+                # A trigger amid an exposure, or just after its image came, would be ignored.
+                self._await_ready(device)
                 device.execute("TriggerSoftware")
             elif self.leads and self._options.action is not None:
                 device.fire(self._options.action.action())
@@ -159,13 +159,14 @@ class GenICamCamera:
             if self._device is not device:
                 raise CameraConnectionError(self.name, "was closed while a frame was waited for")
             if left_s <= _SLICE_S:
-                if device.lost():
-                    self._require_connection()
+                with asked_of(self.name, device, "fetch"):
+                    require_there(self.name, device)
                 raise self._none_within(timeout_s)
 
     def close(self) -> None:
         """Let the camera go; see `Camera.close`."""
         device, self._device, self._applied = self._device, None, None
+        self._pool = ImagePool(2 * self._options.buffers)
         if device is not None:
             with asked_of(self.name, device, "close"):
                 device.close()
@@ -178,7 +179,6 @@ class GenICamCamera:
 
     def _frame(self, buffer: Buffer, applied: AppliedSettings, received_s: float) -> Frame:
         try:
-            self._received += 1
             if buffer.frame_id is None:
                 raise CameraError(
                     self.name,
@@ -187,7 +187,14 @@ class GenICamCamera:
                 )
             counter = self._ids.counter(buffer.frame_id)
             self._require_whole(buffer, counter)
-            image = image_of(buffer.data, buffer.pixel_format, buffer.width, buffer.height, buffer.padding)
+            image = image_of(
+                buffer.data,
+                buffer.pixel_format,
+                buffer.width,
+                buffer.height,
+                buffer.padding,
+                self._pool.empty,
+            )
         finally:
             buffer.release()
         return Frame(
@@ -275,15 +282,10 @@ class GenICamCamera:
         self._expected_serial = seen.serial_number
 
     def _require_connection(self) -> Device:
+        # Whether it is lost is asked where something failed: the question waits for the transfer under way.
         device = self._device
         if device is None:
             raise CameraConnectionError(self.name, "is not connected", "Connect it first")
-        if device.lost():
-            raise CameraConnectionError(
-                self.name,
-                "the connection was lost",
-                "Check its power and its cable; it is connected again then",
-            )
         return device
 
     def _require_armed(self) -> tuple[Device, AppliedSettings]:

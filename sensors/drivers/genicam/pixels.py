@@ -8,9 +8,10 @@ the full scale from the image.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
@@ -40,6 +41,9 @@ _CODES = MappingProxyType(
 )
 
 
+_FREE = 3  # references to an array that is held by the pool alone: its list, the loop, the question
+
+
 def name_of_format(code: int) -> str:
     """Return the name of a buffer's pixel format; of one that is not for images of one channel its code."""
     return _CODES.get(code & 0xFFFFFFFF, f"{code & 0xFFFFFFFF:#010x}")
@@ -57,8 +61,43 @@ def bytes_of_image(pixel_format: str, width: int, height: int, padding: int = 0)
     return height * (width * (1 if pixel_format == "Mono8" else 2) + padding)
 
 
+Empty = Callable[[tuple[int, int], np.dtype[Any]], NDArray[Any]]
+"""Returns an array to be filled, of a shape and type."""
+
+
+class ImagePool:
+    """Arrays that are filled again once nobody holds them: fresh memory costs more than copying into it.
+
+    Parameters
+    ----------
+    most
+        Arrays that are kept; whoever holds more gets fresh ones.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: list[NDArray[Any]] = []
+
+    def empty(self, shape: tuple[int, int], depth: np.dtype[Any]) -> NDArray[Any]:
+        """Return an array of which nobody else holds a part; a view holds the array it is of."""
+        for array in self._kept:
+            if sys.getrefcount(array) == _FREE and array.shape == shape and array.dtype == depth:
+                return array
+        fresh = np.empty(shape, depth)
+        # Images of another size, before the camera was set otherwise, make room.
+        self._kept = [array for array in self._kept if array.shape == shape and array.dtype == depth]
+        if len(self._kept) < self._most:
+            self._kept.append(fresh)
+        return fresh
+
+
 def image_of(
-    buffer: NDArray[np.uint8], pixel_format: str, width: int, height: int, padding: int = 0
+    buffer: NDArray[np.uint8],
+    pixel_format: str,
+    width: int,
+    height: int,
+    padding: int = 0,
+    empty: Empty = np.empty,
 ) -> Image:
     """Return an image of its own, which nothing shares, of what a buffer holds.
 
@@ -72,6 +111,8 @@ def image_of(
         Pixels.
     padding
         Bytes after each line; of unpacked formats alone.
+    empty
+        Returns the array that is filled.
 
     Returns
     -------
@@ -79,21 +120,22 @@ def image_of(
         (height, width), uint8 of Mono8, otherwise uint16 with the camera's own values.
     """
     if pixel_format.endswith("Packed"):
-        return _packed_in_threes(buffer, BITS[pixel_format], width, height)
+        return _packed_in_threes(buffer, BITS[pixel_format], width, height, empty)
     if pixel_format.endswith("p"):
-        return _packed(buffer, BITS[pixel_format], width, height)
+        return _packed(buffer, BITS[pixel_format], width, height, empty)
     depth = np.dtype(np.uint8 if pixel_format == "Mono8" else "<u2")
     rows = buffer[: bytes_of_image(pixel_format, width, height, padding)].reshape(height, -1)
-    found: Image = np.array(rows[:, : width * depth.itemsize]).view(depth)
+    found: Image = empty((height, width), depth)
+    np.copyto(found.view(np.uint8), rows[:, : width * depth.itemsize])
     return found
 
 
-def _packed(buffer: NDArray[np.uint8], bits: int, width: int, height: int) -> Image:
+def _packed(buffer: NDArray[np.uint8], bits: int, width: int, height: int, empty: Empty) -> Image:
     """Of 10 bits four pixels are in five bytes, of 12 two in three; each pixel touches two bytes."""
     together = 4 if bits == 10 else 2
     groups = -(-width * height // together)
     whole, size = _of_whole_groups(buffer, groups, together * bits // 8)
-    pixels = np.empty((groups, together), np.uint16)
+    pixels = empty((groups, together), np.dtype(np.uint16))
     for place in range(together):
         first, shift = divmod(place * bits, 8)
         pairs = as_strided(whole[first : first + 2].view("<u2"), (groups,), (size,), writeable=False)
@@ -102,7 +144,7 @@ def _packed(buffer: NDArray[np.uint8], bits: int, width: int, height: int) -> Im
     return _cut(pixels, width, height)
 
 
-def _packed_in_threes(buffer: NDArray[np.uint8], bits: int, width: int, height: int) -> Image:
+def _packed_in_threes(buffer: NDArray[np.uint8], bits: int, width: int, height: int, empty: Empty) -> Image:
     """The upper eight bits of the first, the lower ones of both, the upper eight of the second."""
     groups = -(-width * height // 2)
     whole, size = _of_whole_groups(buffer, groups, 3)
@@ -110,7 +152,7 @@ def _packed_in_threes(buffer: NDArray[np.uint8], bits: int, width: int, height: 
         as_strided(whole[place:], (groups,), (size,), writeable=False) for place in range(3)
     )
     few = bits - 8
-    pixels = np.empty((groups, 2), np.uint16)
+    pixels = empty((groups, 2), np.dtype(np.uint16))
     for place, (upper, rest) in enumerate(((first, lower), (second, lower >> 4))):
         np.left_shift(upper, few, out=pixels[:, place], dtype=np.uint16)
         pixels[:, place] |= rest & np.uint8((1 << few) - 1)

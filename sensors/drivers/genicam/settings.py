@@ -305,6 +305,14 @@ def _read_back(device: Device, seen: SeenCamera, options: GenICamOptions, exposu
     )
 
 
+def require_there(camera: str, device: Device) -> None:
+    """Raise `CameraConnectionError` when the camera went away since it was opened."""
+    if device.lost():
+        raise CameraConnectionError(
+            camera, "the connection was lost", "Check its power and its cable; it is connected again then"
+        )
+
+
 @contextlib.contextmanager
 def asked_of(camera: str, device: Device, what: str) -> Iterator[None]:
     """Let whatever a maker's library raises be one clear error of this camera."""
@@ -313,8 +321,8 @@ def asked_of(camera: str, device: Device, what: str) -> Iterator[None]:
     except CameraError:
         raise
     except Exception as error:
-        if device.lost():
-            raise CameraConnectionError(
-                camera, "the connection was lost", "Check its power and its cable; it is connected again then"
-            ) from error
+        try:
+            require_there(camera, device)
+        except CameraConnectionError as lost:
+            raise lost from error
         raise CameraError(camera, f"its library failed ({what}): {told(error)}", _ANEW) from error

@@ -15,6 +15,7 @@ from sensors.drivers.pylon.library import EMULATION, device_infos, load_pylon, s
 _GIGE, _USB = "BaslerGigE", "BaslerUsb"
 _FIRST_FRAME_ID = {_GIGE: 1, _USB: 0, EMULATION: 0}
 _NO_ID = 2**64 - 1
+_STATUS = "AcquisitionStatusSelector"
 _NANOSECONDS = 1e9
 _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
 
@@ -133,11 +134,14 @@ class PylonDevice:
     def start(self, buffers: int) -> None:
         """See `Device.start`."""
         self._camera.MaxNumBuffer.SetValue(buffers)
+        if self.get(_STATUS) is not None:
+            self.set(_STATUS, "FrameTriggerWait")
         self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne)
 
     def wait_ready(self, timeout_s: float) -> bool:
         """See `Device.wait_ready`."""
-        if not self._camera.CanWaitForFrameTriggerReady():
+        # Asked once, before the library waits, since it does so in steps of a millisecond.
+        if self.get("AcquisitionStatus") is True or not self._camera.CanWaitForFrameTriggerReady():
             return True
         milliseconds = round(1e3 * timeout_s)
         return bool(self._camera.WaitForFrameTriggerReady(milliseconds, self._pylon.TimeoutHandling_Return))
@@ -145,7 +149,7 @@ class PylonDevice:
     def retrieve(self, timeout_s: float) -> Buffer | None:
         """See `Device.retrieve`."""
         camera = self._camera
-        if camera is None or not camera.IsGrabbing():
+        if camera is None:
             return None
         result = camera.RetrieveResult(round(1e3 * timeout_s), self._pylon.TimeoutHandling_Return)
         if not result.IsValid():

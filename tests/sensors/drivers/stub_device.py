@@ -104,6 +104,8 @@ class StubDevice:
 
     def execute(self, name):
         self.log.append(name)
+        if self.gone:
+            raise VendorError("device removed")
         if name == "TriggerSoftware":
             self.expose()
             if self.features["LineSource"] == "ExposureActive":
