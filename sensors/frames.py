@@ -153,7 +153,7 @@ def _apart(times: dict[str, float], allowed: float, its: str, others: str) -> li
 
 
 def _print(image: Image) -> int:
-    """Return a checksum of all bytes, by exclusive sums of columns, and of some rows, which notice their order.
+    """Return a checksum of all bytes, by exclusive sums of columns, and of some rows for their order.
 
     A CRC of every byte would take longer than all else between the trigger and six images in memory.
     """
