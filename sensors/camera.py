@@ -101,7 +101,10 @@ class Frame:
 
 
 class Camera(Protocol):
-    """One camera with software trigger. Used by one thread at a time.
+    """One camera. Used by one thread at a time.
+
+    A camera whose trigger makes others of its rig expose, by a line that they wait for, has an attribute
+    ``leads``, which is true: it is triggered after them.
 
     Every method raises `CameraError`, or a subclass of it, with the camera's name; a driver that reads files
     may also raise `FormatError`. The order is connect, arm, any number of trigger and fetch, close.
@@ -127,7 +130,10 @@ class Camera(Protocol):
         ...
 
     def trigger(self) -> int:
-        """Expose one image, and return the value that counts this trigger: 1 for the first after `arm`."""
+        """Expose one image, or count one that another camera's trigger exposes, ready for it.
+
+        Returns the value that counts this trigger: 1 for the first after `arm`.
+        """
         ...
 
     def fetch(self, timeout_s: float) -> Frame:

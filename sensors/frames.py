@@ -18,6 +18,7 @@ from alignment.values import Image
 from sensors.camera import Frame
 
 _DRIFT = 2e-4  # by which clocks of cameras may run differently; crystals keep a tenth of that
+_SOME_ROWS = 16
 HOST_SPREAD_S = 600.0
 """Frames of one shot arrive within the longest timeout that a station may have."""
 
@@ -152,4 +153,13 @@ def _apart(times: dict[str, float], allowed: float, its: str, others: str) -> li
 
 
 def _print(image: Image) -> int:
-    return zlib.crc32(np.ascontiguousarray(image).data, image.shape[1])
+    """Return a checksum of all bytes, by exclusive sums of columns, and of some rows for their order.
+
+    A CRC of every byte would take longer than all else between the trigger and six images in memory.
+    """
+    rows = np.ascontiguousarray(image).view(np.uint8).reshape(len(image), -1)
+    whole = rows.shape[1] // 8 * 8
+    words = rows[:, :whole].view(np.uint64)
+    found = zlib.crc32(np.ascontiguousarray(rows[:, whole:]).data, image.shape[1])
+    found = zlib.crc32(np.bitwise_xor.reduce(words, axis=0).data, found)
+    return zlib.crc32(np.bitwise_xor.reduce(words[::_SOME_ROWS], axis=1).data, found)

@@ -79,6 +79,7 @@ class Rig:
         self._clock = clock
         self._now = now
         self._triggers = 0
+        self._delivered: dict[str, int] = {}
         self._comparison = FrameComparison(tolerance)
         for field, names in (
             ("heads", [head.name for head in self.heads]),
@@ -120,12 +121,14 @@ class Rig:
             Names every camera that failed.
         """
         self._triggers = 0
+        self._delivered.clear()
         self._each("take their settings", lambda camera: camera.arm(self.settings))
 
     def shoot(self, timeout_s: float) -> WheelShot:
         """Trigger all cameras, then collect the frame of this trigger from each.
 
-        Frames that are left over from earlier triggers are dropped.
+        Cameras whose trigger makes others expose (`sensors.camera.Camera`) are triggered last. Frames that
+        are left over from earlier triggers are dropped, unless they were delivered before.
 
         Parameters
         ----------
@@ -135,16 +138,16 @@ class Rig:
         Raises
         ------
         SeveralErrors
-            Names every camera that failed, did not answer in time, counted otherwise than the rig, or sent a
-            frame of another moment: its clock went otherwise than the others' since the shot before, or its
-            image is that of the shot before, byte by byte.
+            Names every camera that failed, did not answer in time, counted otherwise than the rig, sent a
+            frame twice or one of another moment: its clock went otherwise than the others' since the shot
+            before, or its image is that of the shot before, byte by byte.
         """
         time_utc = self._now()
         deadline = self._clock() + timeout_s
         self._triggers += 1
         failures: list[TruewheelError] = []
         triggered: list[Camera] = []
-        for camera in self.cameras:
+        for camera in self._trigger_order():
             try:
                 self._trigger(camera)
                 triggered.append(camera)
@@ -175,6 +178,10 @@ class Rig:
         """
         self._each("close", lambda camera: camera.close())
 
+    def _trigger_order(self) -> tuple[Camera, ...]:
+        """Whose trigger makes others expose comes after these, which count it and are ready for it."""
+        return tuple(sorted(self.cameras, key=lambda camera: bool(getattr(camera, "leads", False))))
+
     def _trigger(self, camera: Camera) -> None:
         with _asked(camera, "trigger"):
             counter = camera.trigger()
@@ -187,6 +194,7 @@ class Rig:
 
     def _frame_of_this_trigger(self, camera: Camera, deadline: float, timeout_s: float) -> Frame:
         seen: int | None = None
+        twice: int | None = None
         # Of each trigger before this one a frame may be left over, and no more.
         for _ in range(self._triggers):
             try:
@@ -195,12 +203,21 @@ class Rig:
                     _require_frame(camera, frame)
             except CameraTimeoutError as error:
                 last = "none at all" if seen is None else f"last seen one of trigger {seen}"
+                last += "" if twice is None else " for the second time"
                 raise CameraTimeoutError(
                     camera.name,
                     f"expected a frame of trigger {self._triggers} within {timeout_s:g} s, {last}",
                     "Check the camera's cable and power, or allow a longer timeout",
                 ) from error
             if frame.trigger_counter == self._triggers:
+                if twice is not None:
+                    raise CameraError(
+                        camera.name,
+                        f"out of step: before the frame of trigger {self._triggers} it sent that of trigger "
+                        f"{twice} a second time",
+                        "Arm the rig again; if it stays, connect the camera again",
+                    )
+                self._delivered[camera.name] = self._triggers
                 return frame
             if frame.trigger_counter > self._triggers:
                 raise CameraError(
@@ -210,6 +227,8 @@ class Rig:
                     "Arm the rig again",
                 )
             seen = frame.trigger_counter
+            if seen == self._delivered.get(camera.name):
+                twice = seen
         raise CameraError(
             camera.name,
             f"out of step: expected a frame of trigger {self._triggers} after those of the triggers before, "

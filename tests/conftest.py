@@ -36,6 +36,8 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ.setdefault(TEMPORARY, str(MEMORY))
     if getattr(config.option, "numprocesses", None):
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # No test searches the network for cameras: where emulated ones are asked for, pylon looks for no others.
+    os.environ.setdefault("PYLON_CAMEMU", "6")
     # Nothing that is made while tests are collected is garbage.
     gc.disable()
 

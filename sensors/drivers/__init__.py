@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
+from sensors.drivers.driver import (
+    CameraDriver,
+    CameraPlace,
+    KnownCalibration,
+    RigDriver,
+    RigPlace,
+    SeenCamera,
+)
 from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.validation import StrictModel
 
@@ -14,5 +21,6 @@ __all__ = [
     "QueuedExposure",
     "RigDriver",
     "RigPlace",
+    "SeenCamera",
     "StrictModel",
 ]

@@ -6,7 +6,7 @@ table of a rig in the station's configuration, and whose value is a `CameraDrive
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -77,6 +77,30 @@ class CameraPlace:
 
 
 @dataclass(frozen=True)
+class SeenCamera:
+    """A camera as it names itself.
+
+    Attributes
+    ----------
+    serial_number, model
+        Of the camera.
+    address
+        Where it is: of its network, of its socket.
+    user_name
+        What somebody named it; empty where nobody did.
+    """
+
+    serial_number: str
+    model: str
+    address: str = ""
+    user_name: str = ""
+
+
+Discovery = Callable[[], Sequence[SeenCamera]]
+"""Looks for cameras, in seconds; those in use are seen too."""
+
+
+@dataclass(frozen=True)
 class KnownCalibration:
     """The calibration of a rig that needs none to be measured, as it was built and not adjusted.
 
@@ -108,6 +132,8 @@ class CameraDriver(Generic[S]):
     check
         Looks for mistakes that can be found without a camera, and raises `ConfigurationError`, whose `field`
         is a field of the settings; `truewheel config check` and every start call it.
+    discover
+        Looks for cameras that can be reached, which `truewheel camera list` shows.
 
     Raises
     ------
@@ -118,18 +144,19 @@ class CameraDriver(Generic[S]):
     settings: type[S]
     make: Callable[[S, CameraPlace], Camera]
     check: Callable[[S, RigPlace], object] | None = None
+    discover: Discovery | None = None
 
     def __post_init__(self) -> None:
-        _require_parts(self.settings, make=self.make, check=self.check)
+        _require_parts(self.settings, make=self.make, check=self.check, discover=self.discover)
 
 
 @dataclass(frozen=True, eq=False)
 class RigDriver(Generic[S]):
-    """A driver of all cameras of a rig together, such as a recording or a simulator.
+    """A driver of all cameras of a rig together: of a recording, of a simulator, of a common trigger.
 
     Attributes
     ----------
-    settings, check
+    settings, check, discover
         As for `CameraDriver`.
     make
         Returns the rig, not connected.
@@ -150,9 +177,16 @@ class RigDriver(Generic[S]):
     check: Callable[[S, RigPlace], object] | None = None
     calibration: Callable[[S, RigPlace], KnownCalibration] | None = None
     simulates: bool = False
+    discover: Discovery | None = None
 
     def __post_init__(self) -> None:
-        _require_parts(self.settings, make=self.make, check=self.check, calibration=self.calibration)
+        _require_parts(
+            self.settings,
+            make=self.make,
+            check=self.check,
+            calibration=self.calibration,
+            discover=self.discover,
+        )
 
 
 Driver = CameraDriver[StrictModel] | RigDriver[StrictModel]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 
 from alignment.errors import ConfigurationError, Deed, Remedy, told
-from sensors.drivers.driver import CameraDriver, Driver, RigDriver
+from sensors.drivers.driver import CameraDriver, Driver, RigDriver, SeenCamera
 
 GROUP = "truewheel.cameras"
 """Group of the entry points."""
@@ -106,6 +106,36 @@ def load_driver(name: str) -> LoadedDriver:
             cure=f"Ask the makers of {described.package} for a version that fits truewheel",
         )
     return LoadedDriver(described, found)
+
+
+def seen_cameras(name: str) -> tuple[SeenCamera, ...]:
+    """Return the cameras that an installed driver sees; none where it cannot look.
+
+    It may take seconds, and whatever the makers' libraries take.
+
+    Raises
+    ------
+    ConfigurationError
+        When the driver does not load, or fails to look, as without its maker's library.
+    """
+    loaded = load_driver(name)
+    discover = loaded.driver.discover
+    if discover is None:
+        return ()
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            found = tuple(discover())
+        if not all(isinstance(one, SeenCamera) for one in found):
+            raise TypeError("not all that it found are a SeenCamera")  # (told like whatever else goes wrong)
+    except ConfigurationError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            expected=f"the cameras that the driver '{name}' sees ({loaded.installed})",
+            seen=told(error),
+            cure=f"If it stays, tell the makers of {loaded.installed.package}",
+        ) from error
+    return found
 
 
 def _points() -> list[EntryPoint]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,8 @@ from tests.plugins import install
 
 _numbers = itertools.count()
 SIMULATED = "simulated = { seed = 1, camber_deg = -0.5, toe_deg = 0.1 }"
+OWN = ["genicam", "pylon", "recorded", "simulated"]
+"""Drivers of this program."""
 SOUND = """
 from pydantic import Field, field_validator
 from sensors.drivers import CameraDriver, RigDriver, StrictModel
@@ -73,22 +77,25 @@ def test_unknown_driver_is_told_once_with_those_that_are_installed_and_the_cure(
     truewheel: Truewheel, configs: Path
 ) -> None:
     path = configs / "station.toml"
-    path.write_text(path.read_text().replace("simulated = {", "pylon = {"))
+    path.write_text(path.read_text().replace("simulated = {", "vimba = {"))
     said = checked(truewheel, path)
-    assert "field 'rigs[0].pylon': expected an installed camera driver (recorded, simulated)" in said
+    assert (
+        "field 'rigs[0].vimba': expected an installed camera driver (genicam, pylon, recorded, simulated)"
+        in said
+    )
     assert "`truewheel camera list`" in said
-    assert said.count("pylon") == 2
-    path.write_text(path.read_text().replace("pylon = {", "simulatd = {"))
+    assert said.count("vimba") == 2
+    path.write_text(path.read_text().replace("vimba = {", "simulatd = {"))
     assert "Did you mean 'simulated'?" in checked(truewheel, path)
 
 
 def test_unknown_driver_is_told_together_with_the_other_mistakes_of_the_file(
     truewheel: Truewheel, configs: Path
 ) -> None:
-    path = change(configs / "station.toml", SIMULATED, "pylon = { serial = 1 }")
+    path = change(configs / "station.toml", SIMULATED, "vimba = { serial = 1 }")
     change(path, 'name = "front_right"', 'name = "front"')
     said = checked(truewheel, path)
-    assert "rigs[0].pylon" in said
+    assert "rigs[0].vimba" in said
     assert "rigs[1].name" in said
 
 
@@ -172,7 +179,7 @@ def test_two_packages_with_a_driver_of_one_name_are_both_named(
     ended = truewheel("camera", "list", "--json")
     assert ended.status == 2
     assert len(ended.json["findings"]) == 1
-    assert [one["name"] for one in ended.json["drivers"]] == ["acme", "acme", "recorded", "simulated"]
+    assert [one["name"] for one in ended.json["drivers"]] == ["acme", "acme", *OWN]
 
 
 def test_driver_that_takes_the_name_of_the_simulator_does_not_get_its_place(
@@ -302,6 +309,57 @@ def test_driver_that_is_not_configured_is_never_imported(truewheel: Truewheel, p
     plugins("raise SystemExit('imported all the same')")
     assert truewheel("config", "check", CONFIGS / "station.toml").status == 0
     assert "acme" in truewheel("camera", "list").out
+
+
+def test_a_driver_that_sees_cameras_shows_them(truewheel: Truewheel, plugins: Plugins) -> None:
+    found = "lambda: [SeenCamera('4711', 'A-1', '10.0.0.7', 'left eye')]"
+    plugins(
+        f"{SOUND}\nfrom sensors.drivers import SeenCamera\n"
+        f"DRIVER = CameraDriver(Settings, make, discover={found})"
+    )
+    seen = {"driver": "acme", "serial_number": "4711", "model": "A-1", "address": "10.0.0.7"}
+    assert seen | {"user_name": "left eye"} in truewheel("camera", "list", "--json").json["cameras"]
+    assert re.search(r"acme +4711 +A-1 +left eye +10\.0\.0\.7\n", truewheel("camera", "list").out)
+    assert truewheel("camera", "list", "--drivers", "--json").json["cameras"] == []
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        ("lambda: 1 / 0", "ZeroDivisionError"),
+        ("lambda: ['4711']", "not all that it found are a SeenCamera"),
+        ("lambda: exit(5)", "SystemExit: 5"),
+        ("lambda: print('ACME 3.1') or []", None),
+    ],
+)
+def test_a_driver_that_fails_to_look_is_told_and_the_others_look(
+    truewheel: Truewheel, plugins: Plugins, found: str, words: str | None
+) -> None:
+    plugins(f"{SOUND}\nDRIVER = CameraDriver(Settings, make, discover={found})")
+    ended = truewheel("camera", "list", "--json")
+    assert ended.status == 0
+    assert [one["name"] for one in ended.json["drivers"]] == ["acme", *OWN]
+    [*notes] = [note for note in ended.json["notes"] if note.startswith("acme: ")]
+    assert len(notes) == (words is not None)
+    assert words is None or words in notes[0]
+
+
+def test_a_driver_that_hangs_while_it_looks_is_left(
+    truewheel: Truewheel, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("station.commands.camera._SEARCH_S", 0.2)
+    # The makers' libraries take longer than that to load.
+    monkeypatch.setattr("sensors.drivers.genicam.producer.DRIVER", None)
+    monkeypatch.setattr("sensors.drivers.pylon.driver.DRIVER", None)
+    plugins(
+        f"import threading\n{SOUND}\nEND = threading.Event()\n"
+        "DRIVER = CameraDriver(Settings, make, discover=lambda: END.wait(60) or [])"
+    )
+    ended = truewheel("camera", "list", "--json")
+    assert "acme: cameras were not found within 0.2 s" in ended.json["notes"]
+    for name, module in list(sys.modules.items()):
+        if name.startswith("acme"):
+            getattr(module, "END", threading.Event()).set()
 
 
 def test_station_without_simulated_rigs_loads_no_simulator(replay: Path) -> None:

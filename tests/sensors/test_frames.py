@@ -313,3 +313,31 @@ def test_frames_that_arrived_within_the_longest_timeout_are_of_one_moment(tmp_pa
     heads[2] = replace(heads[2], right=replace(heads[2].right, host_time_s=host))
     write_shot(tmp_path / "shot", replace(taken, heads=tuple(heads)))
     assert read_shot(tmp_path / "shot").heads[2].right.host_time_s == host
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (7, 13), (5, 3), (1, 1), (64, 1001)])
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_a_pixel_that_changed_is_another_image_wherever_it_lies(shape: tuple[int, int], depth: type) -> None:
+    """Frozen images are told by a checksum; two of the same would stop a sound camera."""
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 200, shape, depth)
+    frame = Frame("front_left/head_1/left", image, 1, 0.0, 0.0, 5.0)
+    for _ in range(20):
+        comparison = FrameComparison()
+        other = image.copy()
+        place = rng.integers(0, shape[0]), rng.integers(0, shape[1])
+        other[place] += 1
+        assert not comparison.problems([frame])
+        assert not comparison.problems([replace(frame, image=other, trigger_counter=2)])
+        still = comparison.problems([replace(frame, image=other.copy(), trigger_counter=3)])
+        assert len(still) == (other.size > 1)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("by", [1, 8, 16])
+def test_an_image_that_only_moved_is_another_image(axis: int, by: int) -> None:
+    image = np.random.default_rng(5).integers(0, 255, (32, 64), np.uint8)
+    frame = Frame("front_left/head_1/left", image, 1, 0.0, 0.0, 5.0)
+    comparison = FrameComparison()
+    assert not comparison.problems([frame])
+    assert not comparison.problems([replace(frame, image=np.roll(image, by, axis), trigger_counter=2)])

@@ -1,0 +1,1 @@
+"""Basler cameras through pylon, the maker's library, and its emulation without hardware."""
