@@ -189,7 +189,7 @@ class Adjusting:
         # The angles are as old as the moment before the exposure, at most.
         started_s = self._clock()
         try:
-            position.rig.arm()
+            position.arm()
             live = self._before.lives.get(position.name)
             result = position.run(self._zeros, live)
             if live is None and self._before.wanted and result.measurement is not None:

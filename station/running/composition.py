@@ -37,7 +37,7 @@ from station.cycle import (
 )
 from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
-from station.running.cameras import open_rig
+from station.running.cameras import open_rig, takes_again_within_s
 from station.running.frame import common_frame
 from station.store import ArchivingObserver, ImageArchive, describe_station, open_archive, open_store
 from station.warm_up import Work, warm_up
@@ -130,7 +130,11 @@ def open_station(
         assert database is not None
         assert store is not None
         assert bus is not None
-        whole = tuple(_position(settings, rig, known, frame) for rig, known in rigs)
+        again_s = [takes_again_within_s(configuration, k) for k in range(len(rigs))]
+        whole = tuple(
+            _position(settings, rig, known, frame, within_s)
+            for (rig, known), within_s in zip(rigs, again_s, strict=True)
+        )
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         try:
             warm_up(works_of(configuration), stopping=stopping)
@@ -214,7 +218,11 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
 
 
 def _position(
-    settings: StationConfig, rig: Rig, known: CalibrationInForce, frame: CommonFrame | None
+    settings: StationConfig,
+    rig: Rig,
+    known: CalibrationInForce,
+    frame: CommonFrame | None,
+    retake_within_s: float,
 ) -> WheelPosition:
     return WheelPosition(
         rig,
@@ -223,4 +231,5 @@ def _position(
         settings.measure.settings(),
         settings.cycle.shoot_timeout_s,
         needs_place=frame is not None and frame.reference == "vehicle",
+        retake_within_s=retake_within_s,
     )

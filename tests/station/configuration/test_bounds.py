@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from sensors.formats.truth import LoadOptions
 from sensors.simulation.driver import RollerOptions, SimulatedOptions, VehicleOptions
+from station.configuration.measure import MeasureOptions
 from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
@@ -20,7 +21,6 @@ from station.configuration.settings import (
     CycleSettings,
     DatabaseSettings,
     LineSettings,
-    MeasureOptions,
     StandOptions,
     StationSettings,
     station_model,
