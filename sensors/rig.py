@@ -108,7 +108,8 @@ class Rig:
             Names every camera that failed; those that did connect are closed again.
         """
         try:
-            self._comparison.forget()
+            live = any(isinstance(camera, GuardedCamera) for camera in self.cameras)
+            self._comparison.forget(images=not live)
             self._each("connect", lambda camera: camera.connect())
         except SeveralErrors:
             # The failure to connect is the news; a failure to close after it adds nothing.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sensors.camera_health import CameraStatistics
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
 from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.validation import StrictModel
@@ -9,6 +10,7 @@ from sensors.formats.validation import StrictModel
 __all__ = [
     "CameraDriver",
     "CameraPlace",
+    "CameraStatistics",
     "KnownCalibration",
     "QueuedCamera",
     "QueuedExposure",

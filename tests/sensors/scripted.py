@@ -171,3 +171,7 @@ class Patience:
                     self.bounds_s.append(bound_s)
                     return False
         return True
+
+
+DEVICES: dict[str, Device] = {}
+"""By name, for a driver that is installed; a test puts its own here."""

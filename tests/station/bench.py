@@ -259,7 +259,9 @@ class Bench:
         places: Mapping[str, tuple[float, float, float]] | None = None,
         series: SeriesChoice | None = None,
         types: Mapping[int, VehicleType] | None = None,
+        retake_within_s: float = 0.0,
     ) -> None:
+        self._retake_within_s = retake_within_s
         self._places = places or {}
         self._needs_place = frame is not None and frame.reference == "vehicle"
         self.log: list[str] = []
@@ -292,7 +294,7 @@ class Bench:
             series=series,
         )
 
-    def put_rig(self, rig: FakeRig) -> None:
+    def put_rig(self, rig: Any) -> None:
         """Let another rig stand in the place of that of its name."""
         self.rigs[rig.name] = rig
         self.cycle._positions[rig.name].rig = rig
@@ -333,6 +335,7 @@ class Bench:
             self.clock,
             lambda: self.today,
             needs_place=self._needs_place,
+            retake_within_s=self._retake_within_s,
         )
 
     def _measure(self, rig: str) -> WheelMeasurement | Refusal:

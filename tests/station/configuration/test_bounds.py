@@ -99,6 +99,7 @@ BOUNDS = (
     seconds(CycleSettings, "live_max_age_s", 1.0),
     days(CycleSettings, "calibration_max_age_days", 365.0),
     Bounds(CameraOptions, "exposure_ms", 5.0, NOUGHT, 0.0, 1000.0, 1000.001),
+    seconds(CameraOptions, "call_timeout_s", 10.0),
     Bounds(CameraOptions, "gain_db", 0.0, 0.0, -JUST, 60.0, 60.001),
     Bounds(MeasureOptions, "minimum_points", 300, 10, 9, 1_000_000, 1_000_001),
     Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 10.0, 10.001),
