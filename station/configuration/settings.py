@@ -18,6 +18,7 @@ from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
+from station.configuration.health import HealthOptions
 from station.configuration.measure import MeasureOptions
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import (
@@ -276,6 +277,7 @@ class StationConfig(StrictModel):
     vehicle_types: FilePath = Field(description="Folder with one TOML file per vehicle type")
     cycle: CycleSettings = Field(default=CycleSettings(), description="Bounds of one measuring cycle")
     cameras: CameraOptions = Field(default=CameraOptions(), description="What every camera is told")
+    health: HealthOptions = Field(default=HealthOptions(), description="When cameras are warned of")
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
     stand: StandOptions = Field(
         default=StandOptions(), description="The frame of the rigs, and what toe refers to"

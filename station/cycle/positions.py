@@ -219,6 +219,8 @@ class WheelPosition:
         Monotonic seconds, and aware UTC time.
     needs_place
         Whether a wheel without a place is refused: the vehicle's own frame cannot be had without it.
+    stopped
+        Why a measured shot is not to be believed, for what it says of its cameras; None where it is.
     retake_within_s
         Time in which images are taken again once after a camera failed, seconds; 0 takes none again.
     """
@@ -235,9 +237,11 @@ class WheelPosition:
         *,
         needs_place: bool = False,
         retake_within_s: float = 0.0,
+        stopped: Callable[[WheelShot, WheelMeasurement], str | None] = lambda shot, found: None,
     ) -> None:
         self.rig = rig
         self._needs_place = needs_place
+        self._stopped = stopped
         self.in_force = in_force
         self._measure = measure
         self._settings = settings
@@ -381,6 +385,8 @@ class WheelPosition:
         if zero is not None and isinstance(found, WheelMeasurement):
             found = correction_of(zero, self.side).corrected(found)
         measurement, failure = self._judged(found)
+        if measurement is not None and (why := self._stopped(shot, measurement)) is not None:
+            measurement, failure = None, fault(ErrorCode.CAMERA_FAULT, f"{self.name}: {why}")
         return WheelResult(
             wheel=self.name,
             calibration_id=self.in_force.calibration.id,
