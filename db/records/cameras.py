@@ -48,7 +48,7 @@ class CameraFigure:
         return cls(camera, figure, hours, start, 1, value, value, value)
 
     @property
-    def key(self) -> tuple[str, str, int, int]:
+    def which(self) -> tuple[str, str, int, int]:
         """What tells it from others of the station."""
         return self.camera, self.figure, self.hours, self.start
 
@@ -58,4 +58,4 @@ class CameraFigure:
         low, high = min(self.minimum, other.minimum), max(self.maximum, other.maximum)
         mean = math.fsum((self.n * self.mean, other.n * other.mean)) / n
         # Rounding must not carry a mean of equal values past them.
-        return CameraFigure(*self.key, n, min(max(mean, low), high), low, high)
+        return CameraFigure(*self.which, n, min(max(mean, low), high), low, high)

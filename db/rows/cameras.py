@@ -20,15 +20,15 @@ def add_figures(connection: Connection, station: str, added: Iterable[CameraFigu
     """Join figures of spans with what is stored of them, and let go what is older than it is kept."""
     new: dict[tuple[str, str, int, int], CameraFigure] = {}
     for figure in added:
-        known = new.get(figure.key)
-        new[figure.key] = figure if known is None else known.joined(figure)
+        known = new.get(figure.which)
+        new[figure.which] = figure if known is None else known.joined(figure)
     if not new:
         return
     station_id = row_id(connection, stations, name=station)
     mine = camera_history.c.station_id == station_id
     # Few spans at a time, of all cameras.
     of_spans = select(camera_history).where(mine, camera_history.c.start.in_({key[3] for key in new}))
-    stored = {found.key: found for found in map(figure_of, connection.execute(of_spans).mappings())}
+    stored = {found.which: found for found in map(figure_of, connection.execute(of_spans).mappings())}
     fresh = [_plain(figure, _KEY, _VALUES) for key, figure in new.items() if key not in stored]
     joined = [stored[key].joined(figure) for key, figure in new.items() if key in stored]
     if fresh:

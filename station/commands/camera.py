@@ -6,7 +6,7 @@ import typer
 
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
 
-camera_app = typer.Typer(no_args_is_help=True, help="Camera drivers.")
+camera_app = typer.Typer(no_args_is_help=True, help="Camera drivers, and how the cameras are.")
 
 
 @camera_app.command("list")

@@ -238,8 +238,8 @@ class CameraWatch:
             self.keep()
 
     def _add(self, figure: CameraFigure) -> None:
-        known = self._pending.get(figure.key)
-        self._pending[figure.key] = figure if known is None else known.joined(figure)
+        known = self._pending.get(figure.which)
+        self._pending[figure.which] = figure if known is None else known.joined(figure)
 
     def _compare(self, camera: str, figure: Figure, value: float) -> None:
         state = self._state(camera, figure)

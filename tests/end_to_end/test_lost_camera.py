@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import cv2
 import pytest
 
 from alignment.errors import CameraConnectionError
+from db.queries import ResultReader, events
 from db.records import WheelOutcome
 from sensors.formats import read_calibration_file
 from station.configuration.settings import read_configuration
@@ -22,6 +24,7 @@ from station.cycle.words import ErrorCode, Outcome
 from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts
 from station.line.wire import BusSettings, open_bus
 from station.running.composition import OpenStation, open_station
+from tests.end_to_end.conftest import Truewheel
 from tests.plugins import install
 from tests.sensors import scripted
 from tests.sensors.scripted import Device
@@ -97,28 +100,21 @@ def devices(
         one.go_on.set()
 
 
-@pytest.fixture
-def station(devices: dict[str, Device], configs: Path) -> Iterator[OpenStation]:
-    stopping = threading.Event()
-    with (
-        open_station(read_configuration(configs / "station.toml")) as station,
-        ThreadPoolExecutor(1, "station") as pool,
-    ):
+@contextmanager
+def running(config: Path) -> Iterator[tuple[OpenStation, PlcSimulator]]:
+    """A station that serves, and its controller."""
+    configuration = read_configuration(config)
+    line, stopping = configuration.settings.line, threading.Event()
+    with open_station(configuration) as station, ThreadPoolExecutor(1, "station") as pool:
         served = pool.submit(station.cycle.serve, stopping)
-        yield station
+        with (
+            open_bus(BusSettings(line.interface, line.channel, line.bitrate)) as bus,
+            PlcSimulator(bus, station.line_database, time.monotonic, TIMEOUTS) as plc,
+        ):
+            plc.start_up()
+            yield station, plc
         stopping.set()
         served.result()
-
-
-@pytest.fixture
-def plc(station: OpenStation, configs: Path) -> Iterator[PlcSimulator]:
-    line = read_configuration(configs / "station.toml").settings.line
-    with (
-        open_bus(BusSettings(line.interface, line.channel, line.bitrate)) as bus,
-        PlcSimulator(bus, station.line_database, time.monotonic, TIMEOUTS) as plc,
-    ):
-        plc.start_up()
-        yield plc
 
 
 def measured(plc: PlcSimulator, number: int) -> dict[str, Outcome]:
@@ -129,34 +125,47 @@ def measured(plc: PlcSimulator, number: int) -> dict[str, Outcome]:
 
 @pytest.mark.slow
 def test_lost_camera_costs_its_wheel_and_comes_back_at_the_reset_the_others_go_on(
-    plc: PlcSimulator, station: OpenStation, devices: dict[str, Device]
+    devices: dict[str, Device], configs: Path
 ) -> None:
     good = dict.fromkeys(RIGS, Outcome.OK)
     bad = devices[BAD]
-    assert measured(plc, 1) == good
-    bad.once["fetch"] = CameraConnectionError(BAD, "the connection broke")
-    bad.plugged = False
-    assert measured(plc, 2) == good | {"rear_left": Outcome.FAULT}
-    [record] = [stored.record for stored in station.store.recent_cycles(1)]
+    with running(configs / "station.toml") as (station, plc):
+        assert measured(plc, 1) == good
+        bad.once["fetch"] = CameraConnectionError(BAD, "the connection broke")
+        bad.plugged = False
+        assert measured(plc, 2) == good | {"rear_left": Outcome.FAULT}
+        [record] = [stored.record for stored in station.store.recent_cycles(1)]
+        status = plc.view.wait("fault", 10.0, lambda status: status.fault)
+        assert status.error_code is ErrorCode.CAMERA_FAULT
+        bad.plugged = True
+        plc.reset()
+        assert measured(plc, 3) == good
     states = {wheel.wheel: wheel for wheel in record.wheels}
     assert states["front_left"].outcome is WheelOutcome.MEASURED
-    assert f"wheel rear left, head 2, right camera, serial {bad.serial}" in str(
-        states["rear_left"].reason_text
-    )
-    status = plc.view.wait("fault", 10.0, lambda status: status.fault)
-    assert status.error_code is ErrorCode.CAMERA_FAULT
-    bad.plugged = True
-    plc.reset()
-    assert measured(plc, 3) == good
+    where = f"wheel rear left, head 2, right camera, serial {bad.serial}"
+    assert where in str(states["rear_left"].reason_text)
     assert [one.opened for one in devices.values() if one.name.startswith("front")] == [1] * 6
 
 
 @pytest.mark.slow
-def test_loose_plug_amid_a_shot_costs_nothing_but_the_time_of_another(
-    plc: PlcSimulator, station: OpenStation, devices: dict[str, Device]
+def test_loose_plug_amid_a_shot_costs_nothing_but_the_time_of_another_and_is_remembered(
+    devices: dict[str, Device], configs: Path, truewheel: Truewheel
 ) -> None:
     bad = devices[BAD]
-    assert measured(plc, 1) == dict.fromkeys(RIGS, Outcome.OK)
-    bad.once["fetch"] = CameraConnectionError(BAD, "the connection broke")
-    assert measured(plc, 2) == dict.fromkeys(RIGS, Outcome.OK)
+    bad.temperature_c = 41.5
+    with running(configs / "station.toml") as (_, plc):
+        assert measured(plc, 1) == dict.fromkeys(RIGS, Outcome.OK)
+        bad.once["fetch"] = CameraConnectionError(BAD, "the connection broke")
+        assert measured(plc, 2) == dict.fromkeys(RIGS, Outcome.OK)
+        database = read_configuration(configs / "station.toml").database_url
     assert bad.opened == 2
+    with ResultReader(database) as reader:
+        [event] = events(reader, codes=("shot_retaken",))
+    assert f"serial {bad.serial}" in event.text
+    said = truewheel("camera", "health", "--database", database, "--camera", BAD, "--json").json
+    trends = {one["figure"]: one for one in said["trends"]}
+    assert trends["temperature_c"]["newest"] == 41.5
+    assert trends["failures"]["maximum"] == 1.0
+    assert 0.5 < trends["line_width_px"]["first"] < 10.0
+    assert trends["line_strength"]["shots"] == 2
+    assert trends["row_px"]["newest"] < 0.1
