@@ -186,7 +186,14 @@ class CameraError(TruewheelError, RuntimeError):
         self.camera = camera
         self.problem = problem
         self.cure = cure
-        super().__init__(together((f"camera {camera}: {problem}", *([cure] if cure else [])), ". "))
+        super().__init__(self._text(f"camera {camera}"))
+
+    def stands_at(self, place: str) -> None:
+        """Name the camera's place too: ``wheel front left, head 2, right camera, serial 40123456``."""
+        self.args = (self._text(f"camera {self.camera} ({place})"),)
+
+    def _text(self, named: str) -> str:
+        return together((f"{named}: {self.problem}", *([self.cure] if self.cure else [])), ". ")
 
 
 class CameraConnectionError(CameraError, ConnectionError):

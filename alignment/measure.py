@@ -38,6 +38,7 @@ from alignment.wheel.ridges import fit_ridges
 from alignment.wheel.search import WheelSurface, find_surface
 
 _SOME = 4  # line points of which one tells of the light
+_FEW = 16  # and of which one is enough for a median
 _FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
 _WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a lamp in view
 _LEAST_FULL_SCALE = 1023  # of a camera whose images have 16 bit
@@ -300,9 +301,16 @@ def _qualities(
                 row_px=None if math.isnan(row) else row,
                 row_sigma_px=None if math.isnan(sigma) else sigma,
                 share_looked_at=min(each.share for each in lines[k]) / candidates.every,
+                line_width_px=(float(lines[k][0].width), float(lines[k][1].width)),
+                line_strength=(_strength(lines[k][0]), _strength(lines[k][1])),
             )
         )
     return tuple(out)
+
+
+def _strength(lines: LightLines) -> float:
+    """Median light of the lines of one image, of some of their points."""
+    return float(np.median(lines.strength[::_FEW]))
 
 
 def _unseen(judgement: Judgement) -> tuple[float, float] | None:

@@ -260,6 +260,13 @@ class HeadQuality:
     share_looked_at
         Of the line points of its images; below 1 where there were more than the program takes. It thins them
         evenly along all lines.
+    line_width_px
+        Of the left and the right image: standard deviation of the profile across its light lines, pixels. It
+        grows when a camera or the projector loses its focus.
+    line_strength
+        Of the left and the right image: median over its lines of the light above the background, in a unit of
+        its own (see `alignment.imaging.lines.LightLines.strength`). It sinks with projector, exposure and
+        dirt on a window.
     """
 
     name: str
@@ -269,6 +276,8 @@ class HeadQuality:
     row_px: float | None = None
     row_sigma_px: float | None = None
     share_looked_at: float = 1.0
+    line_width_px: tuple[float, float] | None = None
+    line_strength: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

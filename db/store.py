@@ -29,6 +29,7 @@ from db.records import (
     ArchiveRemoval,
     CalibrationCheckRecord,
     CalibrationRecord,
+    CameraFigure,
     CycleRecord,
     EventRecord,
     GaugeStudyRecord,
@@ -48,7 +49,9 @@ from db.rows import (
     KIND_OF,
     ZEROS,
     Head,
+    add_figures,
     changed,
+    first_figures,
     key_of,
     load_records,
     newest_zeros,
@@ -230,6 +233,16 @@ class ResultStore:
         """Store what a station is, judges by and rests on, as far as it differs from what was stored last."""
         with self._transaction(writes=True) as connection:
             self._store(connection, changed(connection, station, limits, installations))
+
+    def add_camera_figures(self, station: str, figures: Sequence[CameraFigure]) -> None:
+        """Join how cameras were with what is stored of the same hours and days; old ones go."""
+        with self._transaction(writes=True) as connection:
+            add_figures(connection, station, figures)
+
+    def first_camera_figures(self, station: str) -> tuple[CameraFigure, ...]:
+        """Figures of the first shots after each calibration, with which the others are compared."""
+        with self._transaction() as connection:
+            return first_figures(connection, station)
 
     def plan_study(self, record: GaugeStudyRecord) -> None:
         """Store a gauge study as planned; its values follow with `record_study_values`."""

@@ -63,10 +63,15 @@ class FrameComparison:
         self._times: dict[str, float] = {}
         self._prints: dict[str, int] = {}
 
-    def forget(self) -> None:
-        """Begin anew: the cameras were connected, and their clocks may have begun again."""
+    def forget(self, *, images: bool = True) -> None:
+        """Begin anew: the cameras were connected, and their clocks may have begun again.
+
+        With `images` the last ones too, as of a recording that begins again; a real camera that sends the
+        last one once more is frozen still.
+        """
         self._times.clear()
-        self._prints.clear()
+        if images:
+            self._prints.clear()
 
     def problems(self, frames: Sequence[Frame]) -> list[CameraError]:
         """Name every camera whose frame does not belong to this shot; none when all do."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any
@@ -24,6 +24,7 @@ from alignment.errors import (
 )
 from sensors.camera import Camera, CameraSettings, Frame
 from sensors.frames import FrameComparison, FrameTolerance
+from sensors.guarded import GuardedCamera
 from sensors.shot import HeadFrames, WheelShot
 
 _NOW = partial(datetime.now, UTC)
@@ -95,8 +96,12 @@ class Rig:
         """All cameras: left and right of the first head, then of the next."""
         return tuple(camera for head in self.heads for camera in (head.left, head.right))
 
+    def guard(self, guarded: Callable[[Camera], Camera]) -> None:
+        """Put another camera in the place of each, which hands on to it; before they are connected."""
+        self.heads = tuple(replace(h, left=guarded(h.left), right=guarded(h.right)) for h in self.heads)
+
     def connect(self) -> None:
-        """Connect all cameras.
+        """Connect all cameras; guarded ones that failed since are let go first, and reached anew.
 
         Raises
         ------
@@ -104,7 +109,8 @@ class Rig:
             Names every camera that failed; those that did connect are closed again.
         """
         try:
-            self._comparison.forget()
+            live = any(isinstance(camera, GuardedCamera) for camera in self.cameras)
+            self._comparison.forget(images=not live)
             self._each("connect", lambda camera: camera.connect())
         except SeveralErrors:
             # The failure to connect is the news; a failure to close after it adds nothing.
@@ -248,9 +254,18 @@ class Rig:
 
     def _report(self, failures: Iterable[TruewheelError], verb: str) -> None:
         listed = list(failures)
+        self._note(listed)
         if listed:
             count = f"{len(listed)} of {len(self.cameras)} cameras"
             raise SeveralErrors(f"rig {self.name}: {count} did not {verb}", listed)
+
+    def _note(self, failures: Iterable[TruewheelError]) -> None:
+        """Let guarded cameras know what went wrong with them, and the errors where these stand."""
+        guarded = {camera.name: camera for camera in self.cameras if isinstance(camera, GuardedCamera)}
+        for error in failures:
+            if isinstance(error, CameraError) and error.camera in guarded:
+                error.stands_at(guarded[error.camera].place)
+                guarded[error.camera].note_failure(error)
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
 """The read side of the result database: who may only read asks here; see `docs/database.md`."""
 
+from db.queries.cameras import camera_trends
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Shift
 from db.queries.names import KnownNames, known_names, require_known
 from db.queries.reader import ResultReader
@@ -46,6 +47,7 @@ __all__ = [
     "VinHistory",
     "WheelCounts",
     "YieldCounts",
+    "camera_trends",
     "characteristic_moments",
     "checks",
     "cycle_records",

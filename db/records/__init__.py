@@ -1,6 +1,7 @@
 """The values that go into a database and come out."""
 
 from db.records.angle_verdicts import AngleVerdict, LimitSide, Verdict, judge_angle, missed_limit
+from db.records.cameras import HOUR_S, CameraFigure
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
@@ -51,6 +52,7 @@ from db.records.results import (
 
 __all__ = [
     "GEOMETRY_LIMITED",
+    "HOUR_S",
     "OF_AXLE",
     "OF_GEOMETRY",
     "OF_VEHICLE",
@@ -63,6 +65,7 @@ __all__ = [
     "AxleRecord",
     "CalibrationCheckRecord",
     "CalibrationRecord",
+    "CameraFigure",
     "CheckKind",
     "CheckOutcome",
     "CycleOutcome",

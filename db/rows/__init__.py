@@ -1,5 +1,6 @@
 """Records to rows and back, and the chain of hashes that links them; nobody outside db uses it."""
 
+from db.rows.cameras import KEPT_HOURS, add_figures, figure_of, first_figures
 from db.rows.chain import (
     FILLED,
     NOTHING_BEFORE,
@@ -41,6 +42,7 @@ from db.rows.writing import insert_rows, write_cycles, write_record
 __all__ = [
     "CYCLES",
     "FILLED",
+    "KEPT_HOURS",
     "KIND_OF",
     "NOTHING_BEFORE",
     "PARTS",
@@ -53,10 +55,13 @@ __all__ = [
     "STUDY_VALUES",
     "ZEROS",
     "Head",
+    "add_figures",
     "as_before",
     "changed",
     "content_names",
     "digest",
+    "figure_of",
+    "first_figures",
     "flat_values",
     "insert_rows",
     "key_of",

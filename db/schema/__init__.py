@@ -7,6 +7,7 @@ the tables of `CHANGING` are kept up to date instead.
 """
 
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
+from db.schema.cameras import camera_history
 from db.schema.chain import chain_links
 from db.schema.geometry import geometry_results
 from db.schema.levels import part_column, results_of
@@ -33,7 +34,7 @@ from db.schema.sums import (
     value_sums,
 )
 
-# Sums that can be built again, how far the outbox is shipped, who ships.
+# Sums that can be built again, how far the outbox is shipped, who ships, how cameras were.
 CHANGING = (
     summed_characteristics,
     counted_categories,
@@ -42,6 +43,7 @@ CHANGING = (
     sums_state,
     shipments,
     station_leases,
+    camera_history,
 )
 
 # Holds nothing that is not in a table of records.
@@ -58,6 +60,7 @@ __all__ = [
     "axle_results",
     "calibration_checks",
     "calibrations",
+    "camera_history",
     "chain_links",
     "counted_categories",
     "cycles",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sensors.camera_health import CameraStatistics
 from sensors.drivers.driver import (
     CameraDriver,
     CameraPlace,
@@ -16,6 +17,7 @@ from sensors.formats.validation import StrictModel
 __all__ = [
     "CameraDriver",
     "CameraPlace",
+    "CameraStatistics",
     "KnownCalibration",
     "QueuedCamera",
     "QueuedExposure",

@@ -165,6 +165,9 @@ class RigDriver(Generic[S]):
     simulates
         Its images, 8 bit, are made by this program's compiled functions, which are loaded before the station
         is ready.
+    plays
+        Its images were taken before: what they say of their cameras is of then, and the next shot is one of
+        another wheel, so that none is taken again.
 
     Raises
     ------
@@ -178,6 +181,12 @@ class RigDriver(Generic[S]):
     calibration: Callable[[S, RigPlace], KnownCalibration] | None = None
     simulates: bool = False
     discover: Discovery | None = None
+    plays: bool = False
+
+    @property
+    def in_process(self) -> bool:
+        """Whether nothing but this program stands behind its cameras, which takes the time that it takes."""
+        return self.simulates or self.plays
 
     def __post_init__(self) -> None:
         _require_parts(

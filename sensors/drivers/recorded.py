@@ -201,5 +201,5 @@ def _make(options: RecordedOptions, place: RigPlace) -> Rig:
     return recorded_rig(shot_folders(options, place), options.at_end, place.rig, place.tolerance)
 
 
-DRIVER = RigDriver(RecordedOptions, _make, check=shot_folders)
+DRIVER = RigDriver(RecordedOptions, _make, check=shot_folders, plays=True)
 """The driver ``recorded``."""

@@ -1,4 +1,5 @@
 from .environment import damaged_package as damaged_package
+from .health import HealthOptions as HealthOptions
 from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
 from .places import default_config as default_config

@@ -194,7 +194,7 @@ class Adjusting:
         started_s = self._clock()
         try:
             if position.name not in self.armed:
-                position.rig.arm()
+                position.arm()
             live = self._before.lives.get(position.name)
             result = position.run(self._zeros, live)
             if result.shot is None:

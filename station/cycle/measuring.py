@@ -269,7 +269,7 @@ class MeasuringCycle:
             self._provoked.say((Severity.WARNING, "not_prepared"), failure.text)
 
     def _arm(self, positions: Sequence[WheelPosition]) -> dict[str, Failure]:
-        calls = {position.name: position.rig.arm for position in positions}
+        calls = {position.name: position.arm for position in positions}
         return self._wheel_threads.each(calls, self._bounds.measure_s)
 
     def _refusal(self, trigger: Trigger | Prepare) -> ErrorCode | None:

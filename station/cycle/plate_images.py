@@ -67,8 +67,8 @@ class CalibrationImages:
         return answers, f"images of {len(positions) - len(failed)} rigs in {folder}. {text}".strip()
 
     def _one(self, position: WheelPosition, start: _Start) -> None:
-        position.rig.arm()
-        shot = position.rig.shoot(self._measure_s)
+        position.arm()
+        shot = position.expose(self._measure_s)
         start.folder.mkdir(parents=True, exist_ok=True)
         part = start.folder / f".{position.name}.part"
         try:

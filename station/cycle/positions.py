@@ -13,7 +13,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
 from alignment.counting import listed
-from alignment.errors import TruewheelError
+from alignment.errors import TruewheelError, together
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
 from alignment.prepared import PreparedRig
 from alignment.values import (
@@ -30,6 +30,7 @@ from alignment.wheel import LiveSpin, SeriesRules, SpinMeasurement
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
+from station.cycle.retaking import Retaking, of_cameras
 from station.cycle.series import SeriesError, SeriesPlan, take_series
 from station.cycle.words import ErrorCode
 from station.cycle.zero import correction_of
@@ -157,6 +158,8 @@ class WheelResult:
         single exposure.
     live
         Follows the spin axis from single exposures after the series; None of a single exposure.
+    retaken
+        Why its cameras were armed, or its images taken, a second time; None where they were not.
     """
 
     wheel: str
@@ -172,6 +175,7 @@ class WheelResult:
     axis: WheelAxis | None = None
     spin: SpinMeasurement | None = None
     live: LiveSpin | None = None
+    retaken: str | None = None
 
     def without_images(self) -> WheelResult:
         """Return the same, to be kept."""
@@ -215,6 +219,10 @@ class WheelPosition:
         Monotonic seconds, and aware UTC time.
     needs_place
         Whether a wheel without a place is refused: the vehicle's own frame cannot be had without it.
+    stopped
+        Why a measured shot is not to be believed, for what it says of its cameras; None where it is.
+    retake_within_s
+        Time in which images are taken again once after a camera failed, seconds; 0 takes none again.
     """
 
     def __init__(
@@ -228,9 +236,12 @@ class WheelPosition:
         now: Callable[[], datetime] = utc_now,
         *,
         needs_place: bool = False,
+        retake_within_s: float = 0.0,
+        stopped: Callable[[WheelShot, WheelMeasurement], str | None] = lambda shot, found: None,
     ) -> None:
         self.rig = rig
         self._needs_place = needs_place
+        self._stopped = stopped
         self.in_force = in_force
         self._measure = measure
         self._settings = settings
@@ -239,6 +250,8 @@ class WheelPosition:
         self._shoot_timeout_s = shoot_timeout_s
         self.clock = clock
         self._now = now
+        self._retaking = Retaking(retake_within_s, clock)
+        self._arming = Retaking(retake_within_s, clock)
 
     @property
     def name(self) -> str:
@@ -253,7 +266,9 @@ class WheelPosition:
     def failed(self, failure: Failure) -> WheelResult:
         """Return the result of this wheel when it was not measured."""
         valid = self.in_force.valid_at(self._now())
-        return WheelResult(self.name, self.in_force.calibration.id, valid, None, failure)
+        return WheelResult(
+            self.name, self.in_force.calibration.id, valid, None, failure, retaken=self._retaken()
+        )
 
     def late(self, bound_s: float) -> WheelResult:
         """Return the result of this wheel when its images and angles did not come within the bound."""
@@ -270,11 +285,15 @@ class WheelPosition:
         live
             Takes the run-out of a series off the tyre plane.
         """
+        self._retaking.begin()
         try:
             self._check_calibration()
-            shot = self.shoot()
+            shot = self._retaking.done(self.rig, self.shoot)
         except PositionError as error:
             return self.failed(error.failure)
+        except TruewheelError as error:
+            # Its cameras could not be made ready for another attempt.
+            return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         started = self.clock()
         found = self._measure(shot.images, self._known_rig, self._settings)
         if live is not None and isinstance(found, WheelMeasurement):
@@ -290,13 +309,20 @@ class WheelPosition:
         zeros: Sequence[ZeroRecord] = (),
     ) -> WheelResult:
         """As `run`, of a series of exposures of a wheel that turns; see `take_series`."""
+        self._retaking.begin()
         try:
             self._check_calibration()
-            taken = take_series(self, plan, worker, ended, bound_s)
+            # One exposure alone cannot be taken again: the wheel turns on, and the count would begin anew.
+            taken = self._retaking.done(self.rig, lambda: take_series(self, plan, worker, ended, bound_s))
         except PositionError as error:
             return self.failed(error.failure)
         except SeriesError as error:
             return self.failed(ABORTED if error.code is ErrorCode.NONE else fault(error.code, str(error)))
+        except TruewheelError as error:
+            if not of_cameras(error):
+                raise
+            # They could not be made ready for another attempt.
+            return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         found = taken.found
         spin = found.spin if isinstance(found, SeriesMeasurement) else None
         wheel = found.wheel if isinstance(found, SeriesMeasurement) else found
@@ -307,6 +333,15 @@ class WheelPosition:
     def series(self, rules: SeriesRules) -> SeriesUnderWay:
         """Begin a series of exposures."""
         return SeriesUnderWay(self._known_rig, self._settings, rules, self._measure)
+
+    def arm(self) -> None:
+        """Prepare the cameras; those that fail are reached anew once. Raises `TruewheelError`."""
+        self._arming.begin()
+        self._arming.arm(self.rig)
+
+    def expose(self, timeout_s: float) -> WheelShot:
+        """Take one exposure, again once when a camera failed. Raises `TruewheelError`."""
+        return self._retaking.done(self.rig, lambda: self.rig.shoot(timeout_s))
 
     def shoot(self) -> WheelShot:
         """Take one exposure, of this calibration's cameras.
@@ -325,6 +360,9 @@ class WheelPosition:
         except TruewheelError as error:
             raise PositionError(fault(ErrorCode.CALIBRATION_FAULT, f"{self.name}: {error}")) from error
         return shot
+
+    def _retaken(self) -> str | None:
+        return together(filter(None, (self._arming.told, self._retaking.told))) or None
 
     def _check_calibration(self) -> None:
         if self.in_force.valid_at(self._now()):
@@ -347,6 +385,8 @@ class WheelPosition:
         if zero is not None and isinstance(found, WheelMeasurement):
             found = correction_of(zero, self.side).corrected(found)
         measurement, failure = self._judged(found)
+        if measurement is not None and (why := self._stopped(shot, measurement)) is not None:
+            measurement, failure = None, fault(ErrorCode.CAMERA_FAULT, f"{self.name}: {why}")
         return WheelResult(
             wheel=self.name,
             calibration_id=self.in_force.calibration.id,
@@ -358,6 +398,7 @@ class WheelPosition:
             duration_s=duration_s,
             zero_id=None if zero is None or measurement is None else zero.id,
             shot=shot,
+            retaken=self._retaken(),
             axis=None
             if measurement is None or measurement.reference is None
             else WheelAxis.of(measurement, measurement.reference, self.in_force.calibration),

@@ -10,7 +10,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass
 from typing import Protocol
@@ -165,7 +165,12 @@ def take_series(
             raise SeriesError(ErrorCode.NONE, f"{position.name}: given up before exposure {number}")
         if (refused := measured(MOST_WAITING - 1)) is not None:
             return refused
-        shot = position.shoot()
+        try:
+            shot = position.shoot()
+        except TruewheelError:
+            # What waits would stand in the way of another attempt.
+            wait(waiting, bound_s)
+            raise
         taken_s = position.clock()
         shots.append(shot)
         times.append(shot.frames[0].device_time_s)

@@ -5,21 +5,24 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from alignment.errors import ConfigurationError, InputError, TruewheelError, told
+from alignment.values import SIDES
 from sensors.camera import Camera
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
 from sensors.formats import StrictModel, read_calibration_file, write_calibration
+from sensors.guarded import CallBounds, GuardedCamera
 from sensors.rig import Rig, StereoHead
-from station.configuration import Configuration, RigSettings
+from station.configuration import Configuration
 from station.cycle import CalibrationInForce
 
 _UNLIMITED_DAYS = 36_500.0  # a simulated rig does not age
 
 
 def open_rig(configuration: Configuration, index: int) -> tuple[Rig, CalibrationInForce]:
-    """Return a rig of the configuration, not connected, and its calibration.
+    """Return a rig of the configuration, not connected, and its calibration; its cameras are guarded.
 
     Raises
     ------
@@ -41,9 +44,28 @@ def open_rig(configuration: Configuration, index: int) -> tuple[Rig, Calibration
             if calibration is None:
                 assert driver.calibration is not None
                 calibration = _known(driver.calibration(rig.options, place))
+            if not driver.in_process:
+                bounds, sizes = call_bounds(configuration), _sizes(calibration, rig.name)
+                made.guard(lambda camera: GuardedCamera(camera, None, bounds, size=sizes.get(camera.name)))
             return made, calibration
         assert calibration is not None
-        return _rig_of_cameras(driver, rig, place), calibration
+        return _rig_of_cameras(configuration, index, driver, place, calibration), calibration
+
+
+def call_bounds(configuration: Configuration) -> CallBounds:
+    """Return how long a call of a camera driver may take."""
+    settings = configuration.settings
+    call_s = settings.cameras.call_timeout_s
+    late_s = min(2.0, call_s)
+    return CallBounds(call_s, settings.cycle.shoot_timeout_s + late_s, late_s)
+
+
+def takes_again_within_s(configuration: Configuration, index: int) -> float:
+    """Return in which time images of a rig are taken again once after a camera failed; 0: never."""
+    driver = configuration.settings.rigs[index].cameras.driver
+    plays = isinstance(driver, RigDriver) and driver.plays
+    # The next recorded shot is one of another wheel.
+    return 0.0 if plays else configuration.settings.cycle.measure_timeout_s
 
 
 def check_rig(configuration: Configuration, index: int) -> None:
@@ -104,7 +126,16 @@ def _known(known: KnownCalibration) -> CalibrationInForce:
     return CalibrationInForce(known.calibration, known.created_utc, _UNLIMITED_DAYS, document)
 
 
-def _rig_of_cameras(driver: CameraDriver[StrictModel], rig: RigSettings, place: RigPlace) -> Rig:
+def _rig_of_cameras(
+    configuration: Configuration,
+    index: int,
+    driver: CameraDriver[StrictModel],
+    place: RigPlace,
+    calibration: CalibrationInForce,
+) -> Rig:
+    rig, bounds = configuration.settings.rigs[index], call_bounds(configuration)
+    sizes = _sizes(calibration, rig.name)
+
     def made(one: CameraPlace) -> Camera:
         camera = driver.make(rig.options, one)
         methods = [getattr(camera, name, None) for name in ("connect", "arm", "trigger", "fetch", "close")]
@@ -114,11 +145,24 @@ def _rig_of_cameras(driver: CameraDriver[StrictModel], rig: RigSettings, place: 
             raise _no(f"a camera of the name {one.name}", camera)
         return camera
 
+    def guarded(one: CameraPlace) -> Camera:
+        # One that hangs for good is made anew.
+        return GuardedCamera(made(one), partial(made, one), bounds, size=sizes.get(one.name))
+
     heads = [
-        StereoHead(name, made(place.camera(name, "left")), made(place.camera(name, "right")))
+        StereoHead(name, guarded(place.camera(name, "left")), guarded(place.camera(name, "right")))
         for name in place.heads
     ]
     return Rig(place.rig, heads, place.settings, tolerance=place.tolerance)
+
+
+def _sizes(calibration: CalibrationInForce, rig: str) -> dict[str, tuple[int, int]]:
+    """(height, width) of the images of each camera, by its name."""
+    return {
+        f"{rig}/{head.name}/{side}": (camera.model.height, camera.model.width)
+        for head in calibration.calibration.heads
+        for side, camera in zip(SIDES, head.cameras, strict=True)
+    }
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,9 +14,11 @@ from typing import TypeVar
 
 from alignment.errors import SeveralErrors, TruewheelError, WarmUpError
 from alignment.measure import measure_wheel
+from db.records import HOUR_S
 from db.store import ResultStore
 from db.upkeep import BackgroundWork
 from sensors.drivers.driver import RigDriver
+from sensors.guarded import GuardedCamera
 from sensors.rig import Rig
 from station.configuration import Configuration, StationConfig
 from station.cycle import (
@@ -35,11 +37,19 @@ from station.cycle import (
     WheelPosition,
     utc_now,
 )
+from station.health import CameraWatch, WatchingObserver
 from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
-from station.running.cameras import open_rig
+from station.running.cameras import open_rig, takes_again_within_s
 from station.running.frame import common_frame
-from station.store import ArchivingObserver, ImageArchive, describe_station, open_archive, open_store
+from station.store import (
+    ArchivingObserver,
+    ImageArchive,
+    StationStore,
+    describe_station,
+    open_archive,
+    open_store,
+)
 from station.warm_up import Work, warm_up
 
 T = TypeVar("T")
@@ -130,7 +140,12 @@ def open_station(
         assert database is not None
         assert store is not None
         assert bus is not None
-        whole = tuple(_position(settings, rig, known, frame) for rig, known in rigs)
+        watch = _watch(configuration, store, rigs)
+        again_s = [takes_again_within_s(configuration, k) for k in range(len(rigs))]
+        whole = tuple(
+            _position(settings, rig, known, frame, within_s, watch)
+            for (rig, known), within_s in zip(rigs, again_s, strict=True)
+        )
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         try:
             warm_up(works_of(configuration), stopping=stopping)
@@ -141,6 +156,7 @@ def open_station(
         archive = open_archive(configuration, store)
         if archive is not None:
             stack.enter_context(archive)
+        stack.enter_context(watch)
         cycle = MeasuringCycle(
             Identity(settings.station.id, version("truewheel"), configuration.hash),
             whole,
@@ -149,9 +165,9 @@ def open_station(
             store.results,
             cycle_bounds(settings),
             settings.measure.coverage_factor,
-            _archiving(archive, observer or Observer()),
+            WatchingObserver(_archiving(archive, observer or Observer()), watch),
             image_folder=None if images is None else configuration.path(images),
-            threads=[*line.threads, *([] if archive is None else [archive.thread])],
+            threads=[*line.threads, watch.thread, *([] if archive is None else [archive.thread])],
             frame=frame,
             series=series_choice(settings),
         )
@@ -214,7 +230,12 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
 
 
 def _position(
-    settings: StationConfig, rig: Rig, known: CalibrationInForce, frame: CommonFrame | None
+    settings: StationConfig,
+    rig: Rig,
+    known: CalibrationInForce,
+    frame: CommonFrame | None,
+    retake_within_s: float,
+    watch: CameraWatch,
 ) -> WheelPosition:
     return WheelPosition(
         rig,
@@ -223,4 +244,17 @@ def _position(
         settings.measure.settings(),
         settings.cycle.shoot_timeout_s,
         needs_place=frame is not None and frame.reference == "vehicle",
+        retake_within_s=retake_within_s,
+        stopped=watch.stopped,
     )
+
+
+def _watch(
+    configuration: Configuration, store: StationStore, rigs: Sequence[tuple[Rig, CalibrationInForce]]
+) -> CameraWatch:
+    station = configuration.settings.station.id
+    calibrated = {rig.name: int(known.created_utc.timestamp() // HOUR_S) for rig, known in rigs}
+    cameras = [camera for rig, _ in rigs for camera in rig.cameras if isinstance(camera, GuardedCamera)]
+    first = store.results.first_camera_figures(station)
+    note, health = store.background.note, configuration.settings.health
+    return CameraWatch(health, station, store.results, note, cameras, calibrated, first)

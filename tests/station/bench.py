@@ -20,7 +20,7 @@ from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredC
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame
 from station.cycle.measuring import MeasuringCycle
-from station.cycle.ports import Bounds, CycleReport, Identity
+from station.cycle.ports import Bounds, CycleReport, Identity, Observer
 from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
 from station.cycle.series import SeriesChoice
 from station.cycle.words import (
@@ -35,6 +35,8 @@ from station.cycle.words import (
     Trigger,
     vehicle_outcome,
 )
+from station.health.observer import WatchingObserver
+from station.health.watch import CameraWatch
 from tests.sensors.samples import calibration as sample_calibration
 from tests.sensors.samples import shot as sample_shot
 
@@ -258,7 +260,11 @@ class Bench:
         places: Mapping[str, tuple[float, float, float]] | None = None,
         series: SeriesChoice | None = None,
         types: Mapping[int, VehicleType] | None = None,
+        retake_within_s: float = 0.0,
+        stopped: Callable[[Any, WheelMeasurement], str | None] = lambda shot, found: None,
+        watch: CameraWatch | None = None,
     ) -> None:
+        self._retake_within_s, self._stopped = retake_within_s, stopped
         self._places = places or {}
         self._needs_place = frame is not None and frame.reference == "vehicle"
         self.log: list[str] = []
@@ -284,6 +290,7 @@ class Bench:
             self.store,
             Bounds(measure_s, store_s, acknowledge_s=2.0, adjust_s=adjust_s),
             coverage_factor,
+            None if watch is None else WatchingObserver(Observer(), watch),
             clock=self.clock,
             now=lambda: self.today,
             image_folder=image_folder,
@@ -291,7 +298,7 @@ class Bench:
             series=series,
         )
 
-    def put_rig(self, rig: FakeRig) -> None:
+    def put_rig(self, rig: Any) -> None:
         """Let another rig stand in the place of that of its name."""
         self.rigs[rig.name] = rig
         self.cycle._positions[rig.name].rig = rig
@@ -332,6 +339,8 @@ class Bench:
             self.clock,
             lambda: self.today,
             needs_place=self._needs_place,
+            retake_within_s=self._retake_within_s,
+            stopped=self._stopped,
         )
 
     def _measure(self, rig: str) -> WheelMeasurement | Refusal:

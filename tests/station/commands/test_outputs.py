@@ -61,7 +61,7 @@ ASKED_ELSEWHERE = {
     # These write nothing but the database, at once, or only read it.
     "db check", "db event", "db migrate", "db restore", "db show", "db sums", "db backup", "export", "report",
     "gauge fill", "gauge list", "gauge plan", "gauge type1", "gauge grr", "gauge linearity",
-    "gauge stability", "zero list", "zero revoke",
+    "gauge stability", "zero list", "zero revoke", "camera health",
     # Makes what is not there.
     "demo",
 }  # fmt: skip

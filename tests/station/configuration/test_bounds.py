@@ -13,6 +13,8 @@ from pydantic import BaseModel, ValidationError
 
 from sensors.formats.truth import LoadOptions
 from sensors.simulation.driver import RollerOptions, SimulatedOptions, VehicleOptions
+from station.configuration.health import HealthOptions
+from station.configuration.measure import MeasureOptions
 from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
@@ -20,7 +22,6 @@ from station.configuration.settings import (
     CycleSettings,
     DatabaseSettings,
     LineSettings,
-    MeasureOptions,
     StandOptions,
     StationSettings,
     station_model,
@@ -35,6 +36,7 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     LineSettings: {"channel": "can0", "dbc": "line.dbc"},
     CycleSettings: {},
     CameraOptions: {},
+    HealthOptions: {},
     MeasureOptions: {},
     StandOptions: {},
     SimulatedOptions: {"seed": 1},
@@ -99,7 +101,18 @@ BOUNDS = (
     seconds(CycleSettings, "live_max_age_s", 1.0),
     days(CycleSettings, "calibration_max_age_days", 365.0),
     Bounds(CameraOptions, "exposure_ms", 5.0, NOUGHT, 0.0, 1000.0, 1000.001),
+    seconds(CameraOptions, "call_timeout_s", 10.0),
     Bounds(CameraOptions, "gain_db", 0.0, 0.0, -JUST, 60.0, 60.001),
+    Bounds(HealthOptions, "temperature_warn_c", 65.0, -40.0, -40.1, 150.0, 150.1),
+    Bounds(HealthOptions, "temperature_stop_c", None, 65.1, -40.1, 150.0, 150.1),
+    Bounds(HealthOptions, "failures_warn", 2, 1, 0, 100, 101),
+    Bounds(HealthOptions, "link_warn_share", 0.9, NOUGHT, 0.0, 1.0, 1.001),
+    Bounds(HealthOptions, "width_warn_ratio", 1.25, 1.0 + JUST, 1.0, 100.0, 100.1),
+    Bounds(HealthOptions, "width_stop_ratio", None, 1.26, 1.0, 100.0, 100.1),
+    Bounds(HealthOptions, "light_warn_ratio", 1.5, 1.0 + JUST, 1.0, 100.0, 100.1),
+    Bounds(HealthOptions, "light_stop_ratio", None, 1.51, 1.0, 100.0, 100.1),
+    Bounds(HealthOptions, "row_warn_px", 0.1, NOUGHT, 0.0, 100.0, 100.1),
+    Bounds(HealthOptions, "row_stop_px", None, 0.11, 0.0, 100.0, 100.1),
     Bounds(MeasureOptions, "minimum_points", 300, 10, 9, 1_000_000, 1_000_001),
     Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 10.0, 10.001),
     Bounds(MeasureOptions, "coverage_factor", 2.0, 1.6, 1.599, 5.0, 5.001),

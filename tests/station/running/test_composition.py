@@ -68,6 +68,7 @@ def test_every_bound_and_factor_of_the_configuration_reaches_the_cycle(
     class NoRig(Rig):
         def __init__(self) -> None:
             self.name = "front_left"
+            self.heads = ()
 
         def connect(self) -> None:
             pass

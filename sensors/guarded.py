@@ -1,0 +1,293 @@
+"""A camera whose driver is not trusted: every call bounded from outside, a failed camera reached anew.
+
+A driver is code of somebody else that talks to hardware: it may hang in any call, lose the device without
+saying so, or give another device back. Nothing of that may take the thread that measures a wheel with it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar, TypeVarTuple
+
+import numpy as np
+
+from alignment.counting import count_of
+from alignment.errors import (
+    CameraConnectionError,
+    CameraError,
+    CameraTimeoutError,
+    ConfigurationError,
+    TruewheelError,
+)
+from sensors.camera import Camera, CameraSettings, Frame
+from sensors.camera_health import CameraCounts, CameraStatistics, CameraWithStatistics, place_in_words
+from sensors.driver_calls import DriverHungError, DriverThread, Wait
+from sensors.known_camera import KnownCamera
+
+_A = TypeVarTuple("_A")
+_T = TypeVar("_T")
+_MAKE = "the making of its cameras"
+_LEAST_REST_S = 5.0  # between two questions for statistics
+MOST_LEFT = 3
+"""Hung calls of one camera that may be left behind; with more it is refused until the program starts anew."""
+
+
+@dataclass(frozen=True)
+class CallBounds:
+    """How long a driver may take.
+
+    Attributes
+    ----------
+    call_s
+        For connecting, arming and closing, seconds.
+    trigger_s
+        For a trigger.
+    late_s
+        By how much `fetch` may miss its own timeout.
+    """
+
+    call_s: float = 10.0
+    trigger_s: float = 4.0
+    late_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        for field in ("call_s", "trigger_s", "late_s"):
+            if not 0 < getattr(self, field) <= 3600:
+                raise ConfigurationError(
+                    field=field, expected="above 0, at most 3600", seen=str(getattr(self, field))
+                )
+
+
+class GuardedCamera:
+    """Another camera behind bounds; a `sensors.camera.Camera` itself.
+
+    Every call of the driver is made in one thread of this camera, so never two at once. A call that does not
+    come back within its bound is left behind: the camera is lost, whoever called goes on. When it comes back
+    after all, the driver is closed and the thread ends. `connect` reaches a camera that failed anew: it
+    closes it first; where its driver still hangs it asks for a new driver object, as often as `MOST_LEFT`.
+
+    Serial number, settings and image size of every frame are compared with what was seen first.
+
+    Parameters
+    ----------
+    camera
+        Of a driver; not connected.
+    make
+        Makes another object of the same camera; without, a driver that hangs is waited for.
+    bounds
+        Of every call.
+    wait
+        Waits for a call to come back.
+    clock
+        Monotonic seconds.
+    size
+        (height, width) of its images, where its calibration says it.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        make: Callable[[], Camera] | None = None,
+        bounds: CallBounds | None = None,
+        wait: Wait = threading.Event.wait,
+        clock: Callable[[], float] = time.monotonic,
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        self.name = camera.name
+        self.counts = CameraCounts()
+        self._camera, self._make = camera, make
+        self._bounds = bounds or CallBounds()
+        self._wait, self._clock = wait, clock
+        self._lock = threading.Lock()
+        self._known = KnownCamera(self.name, size)
+        self._thread: DriverThread | None = None
+        self._left: list[DriverThread] = []
+        # Why nothing may be asked of it before it is connected again.
+        self._lost: str | None = None
+        # The camera object whose driver hangs is not to be touched.
+        self._stuck: DriverThread | None = None
+        self._failed = False
+        self._statistics = CameraStatistics()
+        self._asked_s: float | None = None
+
+    @property
+    def place(self) -> str:
+        """Where it stands, in plain words, with its serial number where that is known."""
+        return place_in_words(self.name, self._known.serial)
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the camera that was seen first."""
+        return self._known.serial
+
+    @property
+    def statistics(self) -> CameraStatistics:
+        """What the driver told last beside frames."""
+        return self._statistics
+
+    @property
+    def left_behind(self) -> int:
+        """Threads whose call never came back so far."""
+        self._left = [thread for thread in self._left if thread.alive]
+        return len(self._left)
+
+    def note_failure(self, error: CameraError) -> None:
+        """Take note of what went wrong with it; the next `connect` reaches it anew."""
+        self.counts.count(error)
+        self._failed = True
+
+    def connect(self) -> None:
+        """Reach the camera, anew when anything failed since; see `Camera.connect`."""
+        with self._turn():
+            if self._thread is not None and self._failed:
+                # It failed; what it says at parting is no news.
+                with suppress(TruewheelError, Exception):
+                    self._close()
+                self.counts.reconnected += 1
+            if self._thread is None:
+                self._begin()
+            try:
+                self._call("connect", self._bounds.call_s, self._camera.connect)
+            except BaseException:
+                with suppress(TruewheelError, Exception):
+                    self._close()
+                raise
+            self._failed = False
+
+    def arm(self, settings: CameraSettings) -> None:
+        """Take over settings; see `Camera.arm`."""
+        with self._turn():
+            self._require_connection()
+            self._known.told(settings)
+            self._call("arm", self._bounds.call_s, self._camera.arm, settings)
+            self._ask_statistics()
+
+    def trigger(self) -> int:
+        """Expose one image; see `Camera.trigger`."""
+        with self._turn():
+            self._require_connection()
+            return self._call("trigger", self._bounds.trigger_s, self._camera.trigger)
+
+    def fetch(self, timeout_s: float) -> Frame:
+        """Return the next frame; see `Camera.fetch`."""
+        with self._turn():
+            self._require_connection()
+            bound_s = max(0.0, timeout_s) + self._bounds.late_s
+            frame = self._call("fetch", bound_s, self._camera.fetch, timeout_s)
+        # What is no frame at all is told by who takes it.
+        seen: Any = frame
+        if isinstance(seen, Frame) and isinstance(getattr(seen, "image", None), np.ndarray):
+            self._known.check(frame)
+            self.counts.frames += 1
+        return frame
+
+    def close(self) -> None:
+        """Let the camera go; see `Camera.close`. One whose driver hangs is let go by its thread, if ever."""
+        with self._turn():
+            self._close()
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Let one thread at a time use it; a second one waits no longer than the longest call."""
+        if not self._lock.acquire(timeout=self._bounds.call_s + self._bounds.trigger_s):
+            raise CameraError(self.name, "is in use: another thread waits for its driver", "Try again later")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _begin(self) -> None:
+        """Have a thread, and a driver object in which no call hangs.
+
+        Raises
+        ------
+        CameraConnectionError
+            When too many calls hang, or one that cannot be done without.
+        """
+        hung = self.left_behind
+        if self._stuck is not None and self._stuck.alive:
+            if self._make is None:
+                raise CameraConnectionError(
+                    self.name,
+                    f"{self._lost}, and still has not",
+                    "Cut the camera's power for a moment; if that does not help, start the station anew",
+                )
+            if hung >= MOST_LEFT:
+                raise CameraConnectionError(
+                    self.name,
+                    f"its driver did not come back from {count_of(hung, 'call')}",
+                    "Start the station anew, check power and cable of the camera, and tell the makers of its "
+                    "driver",
+                )
+        self._thread = DriverThread(f"camera {self.name}", self._wait)
+        if self._stuck is not None:
+            if self._stuck.alive and self._make is not None:
+                self._camera = self._call(_MAKE, self._bounds.call_s, self._make)
+            self.counts.reconnected += 1
+            self._asked_s = None
+        self._stuck = self._lost = None
+
+    def _close(self) -> None:
+        if self._thread is None:
+            return
+        try:
+            self._call("close", self._bounds.call_s, self._camera.close)
+        finally:
+            if self._thread is not None:
+                self._thread.end()
+                self._thread = None
+
+    def _call(self, what: str, bound_s: float, function: Callable[[*_A], _T], *args: *_A) -> _T:
+        assert self._thread is not None
+        try:
+            return self._thread.call(bound_s, function, *args)
+        except DriverHungError:
+            self._leave(making=what == _MAKE)
+            self.counts.hung += 1
+            self._lost = f"its driver did not come back from {what} within {bound_s:g} s"
+            raise CameraConnectionError(
+                self.name, self._lost, "Check the camera's power and cable; it is connected anew at a reset"
+            ) from None
+        except CameraError as error:
+            if error.camera == self.name:
+                raise
+            kinds = (CameraConnectionError, CameraTimeoutError)
+            kind = next((kind for kind in kinds if isinstance(error, kind)), CameraError)
+            raise kind(self.name, error.problem, error.cure) from error
+
+    def _leave(self, *, making: bool) -> None:
+        """Leave a thread that hangs; in the making of an object the one before is not touched by it."""
+        thread, self._thread = self._thread, None
+        assert thread is not None
+        self._left.append(thread)
+        if making:
+            thread.leave(lambda: None)
+            return
+        thread.leave(self._camera.close)
+        self._stuck = thread
+
+    def _require_connection(self) -> None:
+        if self._thread is None:
+            lost = "is not connected" if self._lost is None else self._lost
+            raise CameraConnectionError(self.name, lost, "Connect it first")
+
+    def _ask_statistics(self) -> None:
+        """Ask the driver for more than frames, once in a while; what it cannot say is no failure."""
+        now_s = self._clock()
+        if not isinstance(self._camera, CameraWithStatistics):
+            return
+        if self._asked_s is not None and now_s - self._asked_s < _LEAST_REST_S:
+            return
+        self._asked_s = now_s
+        try:
+            found = self._call("statistics", self._bounds.trigger_s, self._camera.statistics)
+        except Exception:
+            if self._thread is None:
+                raise
+            return
+        if isinstance(found, CameraStatistics):
+            self._statistics = found
