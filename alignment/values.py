@@ -225,6 +225,9 @@ class HeadQuality:
     share_looked_at
         Of the line points of its images; below 1 where there were more than the program takes. It thins them
         evenly along all lines.
+    brightness
+        Light of the lines over the ground beside them in the left and right image, as shares of full scale
+        (`alignment.imaging.line_brightness`); None where it was not looked at.
     """
 
     name: str
@@ -234,6 +237,7 @@ class HeadQuality:
     row_px: float | None = None
     row_sigma_px: float | None = None
     share_looked_at: float = 1.0
+    brightness: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
