@@ -97,7 +97,7 @@ class WheelShot:
 
     @property
     def number(self) -> int:
-        """Which exposure since the rig was armed, from 1; with a dark one beside it each takes two triggers."""
+        """Which exposure since the rig was armed, from 1; with a dark one it takes two triggers."""
         counter = self.heads[0].left.trigger_counter
         return (counter + 1) // 2 if self.dark else counter
 
