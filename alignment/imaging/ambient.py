@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from alignment.errors import DegenerateInputError
 from alignment.values import Image
@@ -63,12 +64,12 @@ def without_ambient(lit: Image, dark: Image) -> Image:
             seen=f"{dark.shape} {dark.dtype}",
         )
     top = max(full_scale(lit), full_scale(dark))
-    wide = np.int16 if lit.dtype == np.uint8 else np.int32
-    out = lit.astype(wide)
-    out -= dark
-    out += round(PEDESTAL_SHARE * top)
+    deep = lit.dtype == np.uint16
+    out: NDArray[np.int16] | NDArray[np.int32] = lit.astype(np.int32) if deep else lit.astype(np.int16)
+    np.subtract(out, dark, out=out)
+    np.add(out, round(PEDESTAL_SHARE * top), out=out)
     saturated = (lit >= top) | (dark >= top)
     # Where no pixel is at full scale, that may be higher than it looks: nothing is cut off there.
     np.clip(out, 0, (top if saturated.any() else np.iinfo(lit.dtype).max) - 1, out=out)
     out[saturated] = top
-    return out.astype(lit.dtype)
+    return out.astype(np.uint16) if deep else out.astype(np.uint8)

@@ -26,6 +26,11 @@ from .plate import PlateDescription as PlateDescription
 from .plate import PlateFile as PlateFile
 from .plate import describe_plate as describe_plate
 from .plate import read_plate as read_plate
+from .plate_plan import FEWEST_PLANNED as FEWEST_PLANNED
+from .plate_plan import MOST_PLANNED as MOST_PLANNED
+from .plate_plan import TILT as TILT
+from .plate_plan import PlannedView as PlannedView
+from .plate_plan import plate_plan as plate_plan
 from .plate_session import SESSION_FILE as SESSION_FILE
 from .plate_session import PlateSession as PlateSession
 from .plate_session import PlateSessionFile as PlateSessionFile
@@ -37,6 +42,7 @@ from .plate_truth import PlateTruthFile as PlateTruthFile
 from .plate_truth import read_plate_truth as read_plate_truth
 from .plate_truth import write_plate_truth as write_plate_truth
 from .schemas import SCHEMAS as SCHEMAS
+from .shot import SHOT_FILE as SHOT_FILE
 from .shot import ShotFile as ShotFile
 from .shot import check_shot_matches as check_shot_matches
 from .shot import read_shot as read_shot

@@ -67,11 +67,12 @@ class ProjectorDriver(Generic[Options]):
     adjustable: bool = True
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.settings, type) and issubclass(self.settings, StrictModel)):
+        settings: object = self.settings
+        if not (isinstance(settings, type) and issubclass(settings, StrictModel)):
             raise ConfigurationError(
                 field="settings",
                 expected="a model that descends from sensors.formats.validation.StrictModel",
-                seen=getattr(self.settings, "__name__", repr(self.settings)),
+                seen=getattr(settings, "__name__", repr(settings)),
             )
         if not callable(self.make):
             raise ConfigurationError(field="make", expected="a function", seen=repr(self.make))

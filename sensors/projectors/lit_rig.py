@@ -65,6 +65,7 @@ class LitRig:
         light: Light | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self.name = rig.name
         self.rig = rig
         self.projector = projector
         self.light = light or Light()
@@ -76,11 +77,6 @@ class LitRig:
                 seen="true",
                 cure="Take no dark exposures, or drive the projector by a driver that switches it",
             )
-
-    @property
-    def name(self) -> str:
-        """Name of the rig."""
-        return self.rig.name
 
     def connect(self) -> None:
         """Reach projector and cameras.
@@ -132,8 +128,13 @@ class LitRig:
             self._lit()
         return replace(lit, dark=dark.heads)
 
-    def shoot_dark(self, timeout_s: float) -> WheelShot:
-        """Take a shot without the projector's light alone; bound and errors as `shoot`."""
+    def shoot_unlit(self, timeout_s: float) -> WheelShot:
+        """Take a shot without the projector's light, as of a plate; with it where it cannot be dark.
+
+        Bound and errors are those of `shoot`.
+        """
+        if not self.projector.can_be_dark:
+            return self.rig.shoot(timeout_s)
         with self._asked():
             self.projector.dark()
         try:

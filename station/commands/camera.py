@@ -6,7 +6,7 @@ import typer
 
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
 
-camera_app = typer.Typer(no_args_is_help=True, help="Camera drivers.")
+camera_app = typer.Typer(no_args_is_help=True, help="Cameras: drivers, images, exposure.")
 
 
 @camera_app.command("list")

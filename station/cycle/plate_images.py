@@ -15,6 +15,7 @@ from pathlib import Path
 
 from alignment.errors import TruewheelError
 from sensors.formats import write_shot
+from sensors.shot import WheelShot
 from station.cycle.ports import Bounds
 from station.cycle.positions import WheelPosition
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
@@ -68,7 +69,9 @@ class CalibrationImages:
 
     def _one(self, position: WheelPosition, start: _Start) -> None:
         position.rig.arm()
-        shot = position.rig.shoot(self._measure_s)
+        # A plate is seen in the light of the room: lines of the projector would cross its marks.
+        shoot = getattr(position.rig, "shoot_unlit", position.rig.shoot)
+        shot: WheelShot = shoot(self._measure_s)
         start.folder.mkdir(parents=True, exist_ok=True)
         part = start.folder / f".{position.name}.part"
         try:

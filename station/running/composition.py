@@ -17,6 +17,7 @@ from alignment.measure import measure_wheel
 from db.store import ResultStore
 from db.upkeep import BackgroundWork
 from sensors.drivers.driver import RigDriver
+from sensors.projectors import LitRig
 from sensors.rig import Rig
 from station.configuration import Configuration, StationConfig
 from station.cycle import (
@@ -39,6 +40,7 @@ from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
 from station.running.cameras import open_rig
 from station.running.frame import common_frame
+from station.running.light import with_light
 from station.store import ArchivingObserver, ImageArchive, describe_station, open_archive, open_store
 from station.warm_up import Work, warm_up
 
@@ -115,7 +117,7 @@ def open_station(
 
     with ExitStack() as stack:
         database = attempt(lambda: load_line_database(configuration.path(settings.line.dbc)))
-        opened = [attempt(partial(open_rig, configuration, k)) for k in range(len(settings.rigs))]
+        opened = [attempt(partial(_open_lit, configuration, k)) for k in range(len(settings.rigs))]
         rigs = [each for each in opened if each is not None]
         frame = None
         if len(rigs) == len(opened):
@@ -159,6 +161,11 @@ def open_station(
         cycle.start()
         describe_station(store.results, configuration, whole, utc_now())
         yield OpenStation(cycle, whole, store.results, store.background, line, database, bus)
+
+
+def _open_lit(configuration: Configuration, index: int) -> tuple[Rig | LitRig, CalibrationInForce]:
+    rig, known = open_rig(configuration, index)
+    return with_light(configuration, index, rig), known
 
 
 def cycle_bounds(settings: StationConfig) -> Bounds:
@@ -214,7 +221,7 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
 
 
 def _position(
-    settings: StationConfig, rig: Rig, known: CalibrationInForce, frame: CommonFrame | None
+    settings: StationConfig, rig: Rig | LitRig, known: CalibrationInForce, frame: CommonFrame | None
 ) -> WheelPosition:
     return WheelPosition(
         rig,
