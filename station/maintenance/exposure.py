@@ -30,6 +30,7 @@ _SHOTS = 8
 _RESERVE = 0.8  # of the projector's light: what is left is for its wear
 _OVERSHOT = 0.35  # of the light is taken where it is not known how much there is too much
 _LEAST_LINES = 0.1  # light of the lines over their ground in the faintest camera
+_MOST_BLACK = 0.05  # of full scale, that a camera delivers without any light
 _LEAST_STEP, _MOST_STEP = 0.02, 30.0
 SUN_SHARE = 0.25
 """Ambient light over that of the lines from which it is worth to be subtracted."""
@@ -54,7 +55,7 @@ class SeenLight:
     level
         Of the lines, or of the plate's bright ground: what only 5 % of it exceeds.
     black
-        Of the darkest part.
+        Of the darkest part, as far as that can be without light.
     saturated
         Share of its pixels at full scale.
     lines
@@ -150,6 +151,8 @@ def find_exposure(
 def _seen(camera: str, image: Image, seen: Seen) -> SeenLight:
     top = full_scale(image)
     black, ground = (float(value) / top for value in np.percentile(image, (1.0, 95.0)))
+    # Where everything is lit, the darkest part is not black.
+    black = min(black, _MOST_BLACK)
     saturated = saturated_share(image)
     if seen == "plate":
         return SeenLight(camera, ground, black, saturated, None)
