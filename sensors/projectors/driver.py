@@ -15,7 +15,7 @@ from alignment.errors import ConfigurationError
 from alignment.values import Side
 from sensors.drivers.installed import DriverKind, InstalledDriver, load_entry
 from sensors.formats.validation import StrictModel
-from sensors.projectors.projector import Projector
+from sensors.projectors.projector import ProjectorDevice
 
 Options = TypeVar("Options", bound=StrictModel)
 
@@ -62,7 +62,7 @@ class ProjectorDriver(Generic[Options]):
     """
 
     settings: type[Options]
-    make: Callable[[Options, ProjectorPlace], Projector]
+    make: Callable[[Options, ProjectorPlace], ProjectorDevice]
     can_be_dark: bool = True
     adjustable: bool = True
 

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from alignment.errors import ConfigurationError, ProjectorError, SeveralErrors, TruewheelError, told
-from sensors.projectors.projector import Projector, ProjectorState
+from sensors.projectors.projector import ProjectorDevice, ProjectorState
 from sensors.rig import Rig
 from sensors.shot import WheelShot
 
 
 @dataclass(frozen=True)
-class Light:
+class RigLight:
     """How a rig is lit.
 
     Attributes
@@ -61,14 +61,14 @@ class LitRig:
     def __init__(
         self,
         rig: Rig,
-        projector: Projector,
-        light: Light | None = None,
+        projector: ProjectorDevice,
+        light: RigLight | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name = rig.name
         self.rig = rig
         self.projector = projector
-        self.light = light or Light()
+        self.light = light or RigLight()
         self._clock = clock
         if self.light.dark and not projector.can_be_dark:
             raise ConfigurationError(

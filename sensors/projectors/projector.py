@@ -31,7 +31,7 @@ class ProjectorState:
     hours: float | None = None
 
 
-class Projector(Protocol):
+class ProjectorDevice(Protocol):
     """The light of one rig: it flashes by the cameras' strobe line, and is told how bright, or not at all.
 
     Used by one thread at a time. Every call ends within bounds of the driver's own, seconds at most, and

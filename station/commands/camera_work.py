@@ -115,7 +115,7 @@ def live(
 
     The page is served on the loopback address alone.
     """
-    from station.maintenance import LiveView, opened_rig, served, watch
+    from station.maintenance import LiveView, opened_rig, served, watch_cameras
 
     configuration = configuration_for_work(config, as_json=False)
     with opened_rig(configuration, rig) as work:
@@ -124,7 +124,7 @@ def live(
         with served(view, port) as address:
             typer.echo(f"{address} shows {rig} for {seconds:g} s; Ctrl-C ends it")
             try:
-                taken = watch(work, view, seconds)
+                taken = watch_cameras(work, view, seconds)
             except KeyboardInterrupt:
                 typer.echo("ended")
             else:

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import Field, create_model, model_validator
 
 from alignment.errors import DegenerateInputError
-from sensors.projectors import PROJECTORS, Light, LoadedProjector, load_projector
+from sensors.projectors import PROJECTORS, LoadedProjector, RigLight, load_projector
 from station.configuration.driver_tables import DriverTables, tables_for, tables_named
 
 
@@ -54,9 +54,9 @@ class ProjectorSettings(DriverTables):
         loaded: LoadedProjector = self.loaded[self.driver]
         return loaded
 
-    def light(self) -> Light:
+    def light(self) -> RigLight:
         """Return the value that a rig takes."""
-        return Light(self.brightness, self.dark)
+        return RigLight(self.brightness, self.dark)
 
 
 def projectors_named(rigs: object) -> set[str]:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, create_model, field_validator, model_validator
+from pydantic import Field, create_model, model_validator
 
 from alignment.errors import ConfigurationError, DegenerateInputError, told
 from alignment.file_limits import TEXT
-from alignment.values import MeasureSettings, PlaneMethod
 from alignment.vehicle import Stand
 from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
+from station.configuration.measure_options import MeasureOptions
 from station.configuration.projectors import projectors_named
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import (
@@ -32,9 +31,6 @@ from station.configuration.vehicle_types import (
     read_vehicle_types,
 )
 
-SMALLEST_K, LARGEST_K = 1.6, 5.0
-"""Believable coverage factors: 1.645 stands for 90 %."""
-_Millimetres = Annotated[float, Field(ge=-500, le=500)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
 
 
@@ -208,70 +204,6 @@ class CameraOptions(StrictModel):
     def settings(self) -> CameraSettings:
         """Return the value that the drivers take."""
         return CameraSettings(self.exposure_ms, self.gain_db)
-
-
-class MeasureOptions(StrictModel):
-    """Choices of the measurement."""
-
-    depth_range_mm: tuple[_Millimetres, _Millimetres] = Field(
-        default=(-60.0, 60.0), description="Lowest and highest z of the tyre's surface in the rig frame"
-    )
-    method: PlaneMethod = Field(
-        default="revolution",
-        description="Surface of revolution with a free profile; robust plane, or plane through nine bends of "
-        "the light lines, for comparison",
-    )
-    minimum_points: int = Field(
-        default=300, ge=10, le=1_000_000, description="Fewer points per head refuse the measurement"
-    )
-    maximum_angle_deg: float = Field(
-        default=10.0, gt=0, le=10, description="Largest believable camber or toe, degrees"
-    )
-    coverage_factor: float = Field(
-        default=2.0,
-        ge=SMALLEST_K,
-        le=LARGEST_K,
-        description="k of the expanded uncertainty; 2 for about 95 %",
-    )
-
-    allow_lost_head: bool = Field(
-        default=False, description="The other heads measure when one is lost; the result is marked degraded"
-    )
-
-    @field_validator("coverage_factor", mode="before")
-    @classmethod
-    def _is_expanded(cls, k: object) -> object:
-        """Say what else the number would be; other kinds of values are left to the field's type."""
-        if isinstance(k, int | float) and not SMALLEST_K <= k <= LARGEST_K:
-            cure = "2 stands for about 95 %, 3 for 99.7 %"
-            if 0.5 < k < 1.0 or 50.0 < k < 100.0:
-                cure += f"; {k:g} would be a level of confidence, not a factor"
-            elif k == 1.0:
-                cure += "; 1 would make every u95 a standard uncertainty"
-            raise DegenerateInputError(
-                expected=f"a factor from {SMALLEST_K:g} to {LARGEST_K:g}", seen=f"{k:g}", cure=cure
-            )
-        return k
-
-    @model_validator(mode="after")
-    def _range_is_in_order(self) -> MeasureOptions:
-        low, high = self.depth_range_mm
-        if low >= high:
-            raise DegenerateInputError(
-                field="depth_range_mm", expected="the lower value first", seen=f"{low}, {high}"
-            )
-        return self
-
-    def settings(self) -> MeasureSettings:
-        """Return the value that the mathematics uses."""
-        return MeasureSettings(
-            depth_range_mm=self.depth_range_mm,
-            method=self.method,
-            minimum_points=self.minimum_points,
-            maximum_angle=math.radians(self.maximum_angle_deg),
-            coverage_factor=self.coverage_factor,
-            allow_lost_head=self.allow_lost_head,
-        )
 
 
 class StandOptions(StrictModel):

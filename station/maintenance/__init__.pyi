@@ -15,7 +15,7 @@ from .gauge import capture_gauge as capture_gauge
 from .gauge import write_gauge as write_gauge
 from .live import LiveView as LiveView
 from .live import served as served
-from .live import watch as watch
+from .live import watch_cameras as watch_cameras
 from .opened import WorkRig as WorkRig
 from .opened import opened_rig as opened_rig
 from .opened import recorded_shots as recorded_shots

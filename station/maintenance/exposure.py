@@ -17,11 +17,11 @@ from alignment.counting import listed
 from alignment.imaging import extract_light_lines, full_scale, line_brightness, saturated_share
 from alignment.values import Image
 from sensors.camera import CameraSettings
-from sensors.projectors import Light
+from sensors.projectors import RigLight
 from sensors.shot import WheelShot
 from station.maintenance.opened import WorkRig
 
-Seen = Literal["lines", "plate"]
+LookedAt = Literal["lines", "plate"]
 TARGET = 0.75
 """Share of full scale that the brightest camera's lines, or its plate, shall reach."""
 _NEAR = 0.08  # of full scale about the target
@@ -59,7 +59,7 @@ class SeenLight:
     saturated
         Share of its pixels at full scale.
     lines
-        Light of the lines over their ground; None where there are none, or a plate is looked at.
+        RigLight of the lines over their ground; None where there are none, or a plate is looked at.
     """
 
     camera: str
@@ -91,7 +91,7 @@ class FoundExposure:
     """
 
     settings: CameraSettings
-    light: Light | None
+    light: RigLight | None
     cameras: tuple[SeenLight, ...]
     good: bool
     ambient: float | None
@@ -101,7 +101,7 @@ class FoundExposure:
 
 def find_exposure(
     rig: WorkRig,
-    seen: Seen = "lines",
+    seen: LookedAt = "lines",
     limits: ExposureLimits | None = None,
     told: Callable[[str], None] = lambda text: None,
 ) -> FoundExposure:
@@ -148,7 +148,7 @@ def find_exposure(
     return FoundExposure(settings, light, cameras, good, ambient, warnings, shots)
 
 
-def _seen(camera: str, image: Image, seen: Seen) -> SeenLight:
+def _seen(camera: str, image: Image, seen: LookedAt) -> SeenLight:
     top = full_scale(image)
     black, ground = (float(value) / top for value in np.percentile(image, (1.0, 95.0)))
     # Where everything is lit, the darkest part is not black.
@@ -172,8 +172,8 @@ def _factor(brightest: SeenLight) -> float:
 
 
 def _changed(
-    settings: CameraSettings, light: Light | None, factor: float, limits: ExposureLimits, adjustable: bool
-) -> tuple[CameraSettings, Light | None]:
+    settings: CameraSettings, light: RigLight | None, factor: float, limits: ExposureLimits, adjustable: bool
+) -> tuple[CameraSettings, RigLight | None]:
     """Return settings that give so much more light: the projector up to its reserve first, then longer."""
     brightness = 1.0 if light is None else light.brightness
     wanted = settings.exposure_ms * brightness * factor
@@ -217,7 +217,11 @@ def _ambient(dark: WheelShot, lit: WheelShot) -> tuple[float, tuple[str, ...]]:
 
 
 def _warnings(
-    cameras: tuple[SeenLight, ...], good: bool, seen: Seen, settings: CameraSettings, limits: ExposureLimits
+    cameras: tuple[SeenLight, ...],
+    good: bool,
+    seen: LookedAt,
+    settings: CameraSettings,
+    limits: ExposureLimits,
 ) -> tuple[str, ...]:
     found = []
     brightest = max(cameras, key=lambda each: each.level)
@@ -255,7 +259,7 @@ def _warnings(
     return tuple(found)
 
 
-def _told(settings: CameraSettings, light: Light | None, brightest: SeenLight) -> str:
+def _told(settings: CameraSettings, light: RigLight | None, brightest: SeenLight) -> str:
     lamp = "" if light is None else f", brightness {light.brightness:.2f}"
     state = "not saturated"
     if brightest.saturated > _MOST_SATURATED:

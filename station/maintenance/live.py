@@ -166,7 +166,7 @@ def served(view: LiveView, port: int = 0) -> Iterator[str]:
         server.server_close()
 
 
-def watch(
+def watch_cameras(
     rig: WorkRig,
     view: LiveView,
     seconds: float,

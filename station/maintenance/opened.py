@@ -11,7 +11,7 @@ from alignment.errors import ConfigurationError, FormatError
 from sensors.camera import CameraSettings
 from sensors.drivers.recorded import recorded_rig
 from sensors.formats import SHOT_FILE
-from sensors.projectors import Light, LitRig
+from sensors.projectors import LitRig, RigLight
 from sensors.rig import Rig
 from sensors.shot import WheelShot
 from station.configuration import Configuration
@@ -48,7 +48,7 @@ class WorkRig:
         return self.cameras.settings
 
     @property
-    def light(self) -> Light | None:
+    def light(self) -> RigLight | None:
         """How its projector is set; None where it has none."""
         return self._rig.light if isinstance(self._rig, LitRig) else None
 
@@ -62,7 +62,7 @@ class WorkRig:
         if exposure_ms is not None:
             self.cameras.settings = replace(self.settings, exposure_ms=exposure_ms)
 
-    def arm(self, settings: CameraSettings | None = None, light: Light | None = None) -> None:
+    def arm(self, settings: CameraSettings | None = None, light: RigLight | None = None) -> None:
         """Arm the cameras, with other settings or light where these are given."""
         if settings is not None:
             self.cameras.settings = settings

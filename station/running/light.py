@@ -30,7 +30,8 @@ def with_light(configuration: Configuration, index: int, rig: Rig) -> Rig | LitR
         whole = all(callable(getattr(made, verb, None)) for verb in _VERBS)
         if not whole or not hasattr(made, "can_be_dark"):
             raise ConfigurationError(
-                expected="a projector, with the methods of sensors.projectors.Projector, from its driver",
+                expected="a projector from its driver, with the methods of "
+                "sensors.projectors.ProjectorDevice",
                 seen=f"an object of type '{type(made).__name__}'",
                 cure="Ask the makers of the driver for a version that fits truewheel",
             )

@@ -5,7 +5,7 @@ import pytest
 
 from alignment.errors import CameraConnectionError, ConfigurationError, ProjectorError, SeveralErrors
 from sensors.drivers.simulated import Faults
-from sensors.projectors.lit_rig import Light, LitRig
+from sensors.projectors.lit_rig import LitRig, RigLight
 from sensors.projectors.none import UnspokenProjector
 from tests.sensors.projectors.fakes import NotedProjector
 from tests.sensors.samples import StillClock
@@ -28,7 +28,7 @@ def lit_rig(light=None, faults=None):
 
 
 def test_it_is_lit_when_armed_and_let_go_with_its_cameras():
-    rig, projector, _ = lit_rig(Light(0.4))
+    rig, projector, _ = lit_rig(RigLight(0.4))
     rig.connect()
     rig.arm()
     shot = rig.shoot(1.0)
@@ -38,7 +38,7 @@ def test_it_is_lit_when_armed_and_let_go_with_its_cameras():
 
 
 def test_a_dark_exposure_is_the_next_trigger_while_the_projector_is_off():
-    rig, projector, _ = lit_rig(Light(0.4, dark=True))
+    rig, projector, _ = lit_rig(RigLight(0.4, dark=True))
     rig.connect()
     rig.arm()
     first, second = rig.shoot(1.0), rig.shoot(1.0)
@@ -50,7 +50,7 @@ def test_a_dark_exposure_is_the_next_trigger_while_the_projector_is_off():
 
 
 def test_both_exposures_together_take_no_longer_than_the_bound():
-    rig, _, clock = lit_rig(Light(dark=True), {0: Faults(delays_s={1: 0.7}, dropped=frozenset({2}))})
+    rig, _, clock = lit_rig(RigLight(dark=True), {0: Faults(delays_s={1: 0.7}, dropped=frozenset({2}))})
     rig.connect()
     rig.arm()
     with pytest.raises(SeveralErrors) as caught:
@@ -60,7 +60,7 @@ def test_both_exposures_together_take_no_longer_than_the_bound():
 
 
 def test_a_camera_that_fails_in_the_dark_leaves_the_wheel_lit():
-    rig, projector, _ = lit_rig(Light(dark=True), {0: Faults(dropped=frozenset({2}))})
+    rig, projector, _ = lit_rig(RigLight(dark=True), {0: Faults(dropped=frozenset({2}))})
     rig.connect()
     rig.arm()
     with pytest.raises(SeveralErrors):
@@ -71,7 +71,7 @@ def test_a_camera_that_fails_in_the_dark_leaves_the_wheel_lit():
 @pytest.mark.parametrize("moment", ["light", "dark"])
 @pytest.mark.parametrize("error", [BROKEN, OSError("broken")])
 def test_a_projector_that_fails_is_an_error_of_its_rig(moment, error):
-    rig, projector, _ = lit_rig(Light(dark=True))
+    rig, projector, _ = lit_rig(RigLight(dark=True))
     rig.connect()
     projector.failing[moment] = error
 
@@ -115,10 +115,10 @@ def test_a_projector_that_does_not_close_keeps_no_camera():
 
 def test_no_dark_exposure_is_promised_of_a_projector_that_is_always_lit():
     with pytest.raises(ConfigurationError, match="dark"):
-        LitRig(make_rig(StillClock()), UnspokenProjector("front_left"), Light(dark=True))
+        LitRig(make_rig(StillClock()), UnspokenProjector("front_left"), RigLight(dark=True))
 
 
 @pytest.mark.parametrize("brightness", [0.0, -0.1, 1.1, float("nan")])
 def test_no_brightness_outside_its_range_is_taken(brightness):
     with pytest.raises(ConfigurationError, match="brightness"):
-        Light(brightness)
+        RigLight(brightness)

@@ -14,7 +14,7 @@ from sensors.camera import CameraSettings
 from sensors.drivers.driver import RigPlace
 from sensors.formats.plate import read_plate
 from sensors.frames import FrameTolerance
-from sensors.projectors.lit_rig import Light, LitRig
+from sensors.projectors.lit_rig import LitRig, RigLight
 from sensors.simulation.driver import DRIVER, SimulatedOptions
 from sensors.simulation.projector_driver import SimulatedProjector
 
@@ -43,7 +43,7 @@ def levels(shot):
 def test_a_projector_of_half_the_light_or_half_worn_lights_half():
     rig = rig_of(stays=True)
     full = levels(lit(rig).shoot(60.0))
-    half = levels(lit(rig, Light(0.5)).shoot(60.0))
+    half = levels(lit(rig, RigLight(0.5)).shoot(60.0))
     worn = levels(lit(rig, wear=0.5).shoot(60.0))
     dark = levels(lit(rig).shoot_unlit(60.0))
     for a, b, c, d in zip(full, half, worn, dark, strict=True):
@@ -54,7 +54,7 @@ def test_a_projector_of_half_the_light_or_half_worn_lights_half():
 
 def test_a_dark_exposure_shows_the_sun_and_not_the_lines():
     rig = rig_of(stays=True, sun={"level": 5.0, "radius_mm": 60.0})
-    shot = lit(rig, Light(dark=True)).shoot(60.0)
+    shot = lit(rig, RigLight(dark=True)).shoot(60.0)
     subtracted = shot.images[0].left.astype(float)
     without = replace(shot, dark=()).images[0].left.astype(float)
     sunny = shot.dark_frames[0].image > 60

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sensors.camera import CameraSettings, Frame
-from sensors.projectors.lit_rig import Light
+from sensors.projectors.lit_rig import RigLight
 from sensors.shot import HeadFrames, WheelShot
 from station.maintenance.exposure import TARGET, ExposureLimits, exposure_in_toml, find_exposure
 from tests.sensors.samples import TIME
@@ -36,13 +36,13 @@ class LinearRig:
         self, light: float, sun: float = 0.0, faint: float = 0.8, projector: bool = True, room: float = 0.0
     ) -> None:
         self.settings = CameraSettings(5.0)
-        self.light = Light(1.0) if projector else None
+        self.light = RigLight(1.0) if projector else None
         self.can_be_dark = projector
         self._lit, self._sun, self._faint, self._room = light, sun, faint, room
         self._rng = np.random.default_rng(1)
         self.shots = 0
 
-    def arm(self, settings: CameraSettings, light: Light | None) -> None:
+    def arm(self, settings: CameraSettings, light: RigLight | None) -> None:
         self.settings = settings
         if light is not None:
             self.light = light

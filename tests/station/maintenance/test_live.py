@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from alignment.errors import CameraTimeoutError, ConfigurationError
-from station.maintenance.live import LiveView, served, watch
+from station.maintenance.live import LiveView, served, watch_cameras
 from tests.sensors.samples import shot as sample_shot
 
 
@@ -99,7 +99,7 @@ class Flaky:
 def test_a_shot_that_fails_is_shown_and_the_view_goes_on(view: LiveView) -> None:
     rig, now, ended, shown = Flaky(), iter(np.arange(0.0, 100.0)), threading.Event(), []
     ended.wait = lambda timeout: shown.append(json.loads(view.answer("/state.json")[1])["problem"])  # type: ignore[method-assign, assignment, func-returns-value, index]
-    taken = watch(rig, view, 6.5, clock=lambda: float(next(now)), ended=ended)  # type: ignore[arg-type]
+    taken = watch_cameras(rig, view, 6.5, clock=lambda: float(next(now)), ended=ended)  # type: ignore[arg-type]
     assert taken == 2
     assert rig.log == ["arm", "shoot", "shoot", "arm", "shoot"]
     assert shown == ["", "camera front_left/head_1/left: no frame", ""]
