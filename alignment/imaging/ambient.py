@@ -23,7 +23,8 @@ def full_scale(image: Image) -> int:
         return 255
     tops = sorted({2**bits - 1 for bits in _DEPTHS} | {(2**bits - 1) << (16 - bits) for bits in _DEPTHS})
     highest = int(image.max()) if image.size else 0
-    return next(top for top in tops if top >= highest)
+    full: int = next(top for top in tops if top >= highest)
+    return full
 
 
 def saturated_share(image: Image) -> float:

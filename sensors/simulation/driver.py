@@ -11,8 +11,8 @@ from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.values import RigCalibration
 from sensors.drivers.driver import KnownCalibration, RigDriver, RigPlace
 from sensors.formats.gauge_frame import GaugeFrame, read_gauge_frame
+from sensors.formats.planned_views import MOST_PLANNED
 from sensors.formats.plate import read_plate
-from sensors.formats.plate_plan import MOST_PLANNED
 from sensors.formats.truth import LoadOptions
 from sensors.formats.validation import FilePath, StrictModel
 from sensors.rig import Rig

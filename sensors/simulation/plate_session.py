@@ -15,8 +15,8 @@ from alignment.geometry import PosedCamera, RigidTransform
 from alignment.imaging import Plate
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings
+from sensors.formats.planned_views import TILT, plate_plan
 from sensors.formats.plate import PlateDescription, certified
-from sensors.formats.plate_plan import TILT, plate_plan
 from sensors.formats.plate_session import CERTIFICATE_FILE, PlateSession, SessionView
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.optics import Optics

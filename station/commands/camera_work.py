@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from station.commands.camera import camera_app
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.outputs import ready_new_folder
 from station.commands.warm_up import compiled_for
@@ -39,7 +38,6 @@ def configuration_for_work(config: Path | None, as_json: bool) -> Configuration:
     return configuration
 
 
-@camera_app.command("show")
 def show(
     rig: RigArgument,
     config: ConfigOption = None,
@@ -99,7 +97,6 @@ def show(
         raise typer.Exit(GOAL_MISSED)
 
 
-@camera_app.command("live")
 def live(
     rig: RigArgument,
     config: ConfigOption = None,
@@ -131,7 +128,6 @@ def live(
                 typer.echo(f"ended after {taken} shots")
 
 
-@camera_app.command("exposure")
 def exposure(
     rig: RigArgument,
     config: ConfigOption = None,

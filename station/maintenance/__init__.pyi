@@ -1,4 +1,3 @@
-from .advice import advice as advice
 from .capture import PlateCapture as PlateCapture
 from .capture import PlateShot as PlateShot
 from .capture import instruction as instruction
@@ -20,5 +19,6 @@ from .opened import WorkRig as WorkRig
 from .opened import opened_rig as opened_rig
 from .opened import recorded_shots as recorded_shots
 from .opened import rig_index as rig_index
+from .remarks import advice as advice
 from .show import figures_as_text as figures_as_text
 from .show import write_show as write_show

@@ -59,7 +59,7 @@ class SeenLight:
     saturated
         Share of its pixels at full scale.
     lines
-        RigLight of the lines over their ground; None where there are none, or a plate is looked at.
+        Light of the lines over their ground; None where there are none, or a plate is looked at.
     """
 
     camera: str
@@ -123,7 +123,8 @@ def find_exposure(
         rig.settings, exposure_ms=min(max(rig.settings.exposure_ms, limits.shortest_ms), limits.longest_ms)
     )
     light = None if rig.light is None or seen == "plate" else replace(rig.light, dark=False)
-    good, cameras, shots = False, (), 0
+    good, shots = False, 0
+    cameras: tuple[SeenLight, ...] = ()
     for shots in range(1, _SHOTS + 1):
         rig.arm(settings, light)
         shot = rig.shoot() if seen == "lines" else rig.shoot_unlit()
@@ -139,10 +140,11 @@ def find_exposure(
         if following == (settings, light):
             break
         settings, light = following
-    ambient, dark_warnings = None, ()
+    ambient: float | None = None
+    dark_warnings: tuple[str, ...] = ()
     if seen == "lines" and rig.can_be_dark:
         ambient, dark_warnings = _ambient(rig.shoot_unlit(), shot)
-    warnings = _warnings(cameras, good, seen, settings, limits) + dark_warnings
+    warnings = _warnings(cameras, good, seen, settings) + dark_warnings
     if light is not None and ambient is not None:
         light = replace(light, dark=ambient > SUN_SHARE)
     return FoundExposure(settings, light, cameras, good, ambient, warnings, shots)
@@ -217,11 +219,7 @@ def _ambient(dark: WheelShot, lit: WheelShot) -> tuple[float, tuple[str, ...]]:
 
 
 def _warnings(
-    cameras: tuple[SeenLight, ...],
-    good: bool,
-    seen: LookedAt,
-    settings: CameraSettings,
-    limits: ExposureLimits,
+    cameras: tuple[SeenLight, ...], good: bool, seen: LookedAt, settings: CameraSettings
 ) -> tuple[str, ...]:
     found = []
     brightest = max(cameras, key=lambda each: each.level)

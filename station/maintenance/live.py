@@ -17,9 +17,9 @@ from typing import Any
 
 from alignment.errors import ConfigurationError, TruewheelError
 from sensors.shot import WheelShot
-from station.maintenance.advice import advice
 from station.maintenance.figures import bars, figures_as_json, figures_of, picture
 from station.maintenance.opened import WorkRig
+from station.maintenance.remarks import advice
 from station.pages import page
 
 LOOPBACK = "127.0.0.1"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from sensors.formats import write_image
 from sensors.shot import WheelShot
-from station.maintenance.advice import advice
 from station.maintenance.figures import ImageFigures, bars, inline_picture, sparkline
+from station.maintenance.remarks import advice
 from station.pages import page
 
 PAGE = "cameras.html"

@@ -16,8 +16,8 @@ from alignment.calibration.gate import GateLimits
 from alignment.errors import ConfigurationError
 from alignment.values import Image
 from sensors.camera import Frame
+from sensors.formats.planned_views import PlannedView, plate_plan
 from sensors.formats.plate import read_plate
-from sensors.formats.plate_plan import PlannedView, plate_plan
 from sensors.formats.plate_session import read_plate_session, write_plate_session
 from sensors.shot import HeadFrames, WheelShot
 from sensors.simulation.plate_session import PlateBeforeRig, PlatePosition, PlateSessionSpec

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from station.maintenance.advice import advice
 from station.maintenance.figures import BINS, bars, edge_width, image_figures, picture, sparkline
+from station.maintenance.remarks import advice
 from station.maintenance.show import figures_as_text
 
 
