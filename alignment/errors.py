@@ -10,6 +10,8 @@
     ├── CameraError(RuntimeError)           one camera, named
     │   ├── CameraConnectionError(ConnectionError)
     │   └── CameraTimeoutError(TimeoutError)
+    ├── ProjectorError(RuntimeError)        the light of one rig, named
+    │   └── ProjectorTimeoutError(TimeoutError)
     ├── LineError(RuntimeError)             the bus to the PLC
     │   ├── LineConnectionError(ConnectionError)
     │   └── LineTimeoutError(TimeoutError)
@@ -202,6 +204,30 @@ class CameraConnectionError(CameraError, ConnectionError):
 
 class CameraTimeoutError(CameraError, TimeoutError):
     """No frame within the bounded time."""
+
+
+class ProjectorError(TruewheelError, RuntimeError):
+    """A projector failed; the message names the rig that it lights.
+
+    Parameters
+    ----------
+    rig
+        Name of the rig.
+    problem
+        What happened, what was expected, the last value seen.
+    cure
+        What to do, a whole sentence.
+    """
+
+    def __init__(self, rig: str, problem: str, cure: str | None = None) -> None:
+        self.rig = rig
+        self.problem = problem
+        self.cure = cure
+        super().__init__(together((f"projector of {rig}: {problem}", *([cure] if cure else [])), ". "))
+
+
+class ProjectorTimeoutError(ProjectorError, TimeoutError):
+    """No answer within the bounded time."""
 
 
 class LineError(TruewheelError, RuntimeError):

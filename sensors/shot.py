@@ -7,7 +7,8 @@ from datetime import datetime
 
 from alignment.counting import listed
 from alignment.errors import DegenerateInputError
-from alignment.values import StereoImages
+from alignment.imaging import without_ambient
+from alignment.values import Image, StereoImages
 from sensors.camera import Frame
 
 
@@ -41,7 +42,8 @@ class WheelShot:
     heads
         In the order of the calibration.
     dark
-        The same heads without the projector's light, next to this exposure; empty where none were taken.
+        The same heads without the projector's light, by the next trigger, with the same exposure time; empty
+        where none were taken.
     """
 
     rig: str
@@ -65,6 +67,13 @@ class WheelShot:
                 expected=f"the heads {listed(names)}",
                 seen=listed([head.name for head in self.dark]),
             )
+        for mine, without in zip(self.frames, self.dark_frames, strict=False):
+            if mine.exposure_ms != without.exposure_ms or mine.image.shape != without.image.shape:
+                raise DegenerateInputError(
+                    field=f"dark.{without.camera}",
+                    expected=f"an image of {mine.image.shape}, {mine.exposure_ms:g} ms, as the lit one",
+                    seen=f"{without.image.shape}, {without.exposure_ms:g} ms",
+                )
         counters = [head.left.trigger_counter for head in self.heads]
         if len(set(counters)) > 1:
             raise DegenerateInputError(
@@ -75,10 +84,37 @@ class WheelShot:
 
     @property
     def images(self) -> tuple[StereoImages, ...]:
-        """What `measure_wheel` takes: the pairs of images, in the order of `heads`."""
-        return tuple(StereoImages(head.left.image, head.right.image) for head in self.heads)
+        """What `measure_wheel` takes: the pairs of images, in the order of `heads`.
+
+        Where there is a dark exposure its light is subtracted (`alignment.imaging.without_ambient`).
+        """
+        if not self.dark:
+            return tuple(StereoImages(head.left.image, head.right.image) for head in self.heads)
+        return tuple(
+            StereoImages(_subtracted(head.left, dark.left), _subtracted(head.right, dark.right))
+            for head, dark in zip(self.heads, self.dark, strict=True)
+        )
+
+    @property
+    def number(self) -> int:
+        """Which exposure since the rig was armed, from 1; with a dark one it takes two triggers."""
+        counter = self.heads[0].left.trigger_counter
+        return (counter + 1) // 2 if self.dark else counter
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """All frames: left and right of the first head, then of the next."""
-        return tuple(frame for head in self.heads for frame in (head.left, head.right))
+        """All frames with the projector's light: left and right of the first head, then of the next."""
+        return _frames(self.heads)
+
+    @property
+    def dark_frames(self) -> tuple[Frame, ...]:
+        """All frames without it, in the same order; none where none were taken."""
+        return _frames(self.dark)
+
+
+def _frames(heads: tuple[HeadFrames, ...]) -> tuple[Frame, ...]:
+    return tuple(frame for head in heads for frame in (head.left, head.right))
+
+
+def _subtracted(lit: Frame, dark: Frame) -> Image:
+    return without_ambient(lit.image, dark.image)

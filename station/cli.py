@@ -28,6 +28,8 @@ from station.commands.calibration import calibration_app
 from station.commands.calibration_frame import simulate_gauge_session_command
 from station.commands.camera import camera_app
 from station.commands.camera_health import camera_health
+from station.commands.camera_work import exposure, live, show
+from station.commands.capture import capture_app
 from station.commands.configuration import config_app, init
 from station.commands.database import db_app
 from station.commands.demo import demo
@@ -79,7 +81,11 @@ app.add_typer(gauge_app, name="gauge", cls=Verbs)
 app.add_typer(line_app, name="line", cls=Verbs)
 app.add_typer(config_app, name="config", cls=Verbs)
 camera_app.command("health")(camera_health)
+camera_app.command()(show)
+camera_app.command()(live)
+camera_app.command()(exposure)
 app.add_typer(camera_app, name="camera", cls=Verbs)
+app.add_typer(capture_app, name="capture", cls=Verbs)
 app.add_typer(db_app, name="db", cls=Verbs)
 zero_app.command("measure-vehicle")(measure_vehicle_zeros_command)
 app.add_typer(zero_app, name="zero", cls=Verbs)

@@ -1,5 +1,11 @@
+from .ambient import PEDESTAL_SHARE as PEDESTAL_SHARE
+from .ambient import full_scale as full_scale
+from .ambient import saturated_share as saturated_share
+from .ambient import without_ambient as without_ambient
+from .brightness import line_brightness as line_brightness
 from .edges import OPERATORS as OPERATORS
 from .lines import LightLines as LightLines
+from .lines import extract_light_lines as extract_light_lines
 from .lines import extract_many as extract_many
 from .mark_bias import homography_offsets as homography_offsets
 from .mark_detection import find_marks as find_marks

@@ -1,4 +1,4 @@
-"""Which camera drivers are installed, and loading one: none is imported before it is asked for."""
+"""Which drivers of cameras or projectors are installed, and loading one: none is imported before that."""
 
 from __future__ import annotations
 
@@ -14,12 +14,39 @@ from importlib.metadata import EntryPoint, entry_points
 from alignment.errors import ConfigurationError, Deed, Remedy, told
 from sensors.drivers.driver import CameraDriver, Driver, RigDriver, SeenCamera
 
-GROUP = "truewheel.cameras"
-"""Group of the entry points."""
 OWN_PACKAGE = "truewheel"
-RESERVED = frozenset({"name", "calibration"})
-"""What a rig's table holds besides; no driver can have such a name."""
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
+
+
+@dataclass(frozen=True)
+class DriverKind:
+    """What is driven.
+
+    Attributes
+    ----------
+    group
+        Of the entry points.
+    called
+        What a driver of this kind is called in messages.
+    types
+        Of which one is.
+    reserved
+        What the table holds besides in which a driver's stands; none can have such a name.
+    """
+
+    group: str
+    called: str
+    types: tuple[type, ...]
+    reserved: frozenset[str]
+
+
+CAMERAS = DriverKind(
+    "truewheel.cameras",
+    "camera driver",
+    (CameraDriver, RigDriver),
+    frozenset({"name", "calibration", "heads", "projector"}),
+)
+"""Drivers of cameras; their tables stand in a rig."""
 
 
 @dataclass(frozen=True)
@@ -58,21 +85,28 @@ class LoadedDriver:
     driver: Driver
 
 
-def installed_drivers() -> tuple[InstalledDriver, ...]:
+def installed_drivers(kind: DriverKind = CAMERAS) -> tuple[InstalledDriver, ...]:
     """Return the drivers of all installed packages, by name; nothing of them is imported."""
-    found = [_described(point) for point in _points()]
+    found = [_described(point) for point in _points(kind)]
     return tuple(sorted(found, key=lambda one: (one.name, one.package, one.target)))
 
 
-def conflicts(installed: Sequence[InstalledDriver]) -> list[ConfigurationError]:
+def conflicts(installed: Sequence[InstalledDriver], kind: DriverKind = CAMERAS) -> list[ConfigurationError]:
     """Return what keeps declared drivers from ever being used: a name twice, or one that no rig can hold."""
     counted = Counter(one.name for one in installed)
-    found = [_twice(name, installed) for name, count in counted.items() if count > 1]
-    return found + [_misnamed(one) for one in installed if _is_misnamed(one.name)]
+    found = [_twice(name, installed, kind) for name, count in counted.items() if count > 1]
+    return found + [_misnamed(one, kind) for one in installed if _is_misnamed(one.name, kind)]
 
 
 def load_driver(name: str) -> LoadedDriver:
-    """Import an installed driver.
+    """Import an installed driver of cameras; errors as `load_entry`."""
+    described, found = load_entry(name, CAMERAS)
+    assert isinstance(found, CameraDriver | RigDriver)
+    return LoadedDriver(described, found)
+
+
+def load_entry(name: str, kind: DriverKind) -> tuple[InstalledDriver, object]:
+    """Import an installed driver of a kind; what was declared, and one of `kind.types`.
 
     Raises
     ------
@@ -80,15 +114,15 @@ def load_driver(name: str) -> LoadedDriver:
         When no package declares it, two do, it cannot be imported, or is no driver. Whatever a package raises
         when it is imported ends in this error.
     """
-    candidates = [point for point in _points() if point.name == name]
+    candidates = [point for point in _points(kind) if point.name == name]
     if not candidates:
-        raise _unknown(name)
+        raise _unknown(name, kind)
     if len(candidates) > 1:
-        raise _twice(name, [_described(point) for point in candidates])
+        raise _twice(name, [_described(point) for point in candidates], kind)
     described = _described(candidates[0])
-    if _is_misnamed(name):
-        raise _misnamed(described)
-    wanted = f"a camera driver '{name}' that can be loaded ({described})"
+    if _is_misnamed(name, kind):
+        raise _misnamed(described, kind)
+    wanted = f"a {kind.called} '{name}' that can be loaded ({described})"
     try:
         # What a package prints would spoil the one object that a command prints on standard output.
         with contextlib.redirect_stdout(sys.stderr):
@@ -99,13 +133,14 @@ def load_driver(name: str) -> LoadedDriver:
             seen=told(error),
             cure=f"Install {described.package} anew, or ask its makers for a version that fits truewheel",
         ) from error
-    if not isinstance(found, CameraDriver | RigDriver):
+    if not isinstance(found, kind.types):
         raise ConfigurationError(
             expected=wanted,
-            seen=f"an object of type '{type(found).__name__}' instead of a CameraDriver or RigDriver",
+            seen=f"an object of type '{type(found).__name__}' instead of a "
+            + " or ".join(one.__name__ for one in kind.types),
             cure=f"Ask the makers of {described.package} for a version that fits truewheel",
         )
-    return LoadedDriver(described, found)
+    return described, found
 
 
 def seen_cameras(name: str) -> tuple[SeenCamera, ...]:
@@ -138,8 +173,8 @@ def seen_cameras(name: str) -> tuple[SeenCamera, ...]:
     return found
 
 
-def _points() -> list[EntryPoint]:
-    return list(entry_points(group=GROUP))
+def _points(kind: DriverKind) -> list[EntryPoint]:
+    return list(entry_points(group=kind.group))
 
 
 def _described(point: EntryPoint) -> InstalledDriver:
@@ -152,11 +187,11 @@ def _described(point: EntryPoint) -> InstalledDriver:
     return InstalledDriver(point.name, package, version, point.value)
 
 
-def _unknown(name: str) -> ConfigurationError:
-    names = sorted({point.name for point in _points()})
+def _unknown(name: str, kind: DriverKind) -> ConfigurationError:
+    names = sorted({point.name for point in _points(kind)})
     close = difflib.get_close_matches(name, names, 1)
     meant = f"Did you mean '{close[0]}'? " if close else ""
-    expected, seen = f"an installed camera driver ({', '.join(names) or 'there is none'})", f"'{name}'"
+    expected, seen = f"an installed {kind.called} ({', '.join(names) or 'there is none'})", f"'{name}'"
     if not names:
         # Not even those of this program: its metadata are from before it had any.
         cure = "Install truewheel anew, its metadata are older than the program (`make setup` in a checkout)"
@@ -165,22 +200,22 @@ def _unknown(name: str) -> ConfigurationError:
     return ConfigurationError(expected=expected, seen=seen, remedy=remedy)
 
 
-def _twice(name: str, installed: Sequence[InstalledDriver]) -> ConfigurationError:
+def _twice(name: str, installed: Sequence[InstalledDriver], kind: DriverKind) -> ConfigurationError:
     return ConfigurationError(
-        expected=f"one package that brings the camera driver '{name}'",
+        expected=f"one package that brings the {kind.called} '{name}'",
         seen=" and ".join(str(one) for one in installed if one.name == name),
         cure="Uninstall all of them but one",
     )
 
 
-def _is_misnamed(name: str) -> bool:
-    return not _NAME.fullmatch(name) or name in RESERVED
+def _is_misnamed(name: str, kind: DriverKind) -> bool:
+    return not _NAME.fullmatch(name) or name in kind.reserved
 
 
-def _misnamed(one: InstalledDriver) -> ConfigurationError:
+def _misnamed(one: InstalledDriver, kind: DriverKind) -> ConfigurationError:
     return ConfigurationError(
-        expected="a camera driver named by small letters, digits and underscores, other than "
-        + " and ".join(sorted(RESERVED)),
+        expected=f"a {kind.called} named by small letters, digits and underscores, other than "
+        + ", ".join(sorted(kind.reserved)),
         seen=f"'{one.name}' ({one})",
         cure="Have its makers name it otherwise",
     )

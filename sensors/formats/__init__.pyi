@@ -23,6 +23,11 @@ from .gauge_frame import WholeFrame as WholeFrame
 from .gauge_frame import read_gauge_frame as read_gauge_frame
 from .images import read_image as read_image
 from .images import write_image as write_image
+from .planned_views import FEWEST_PLANNED as FEWEST_PLANNED
+from .planned_views import MOST_PLANNED as MOST_PLANNED
+from .planned_views import TILT as TILT
+from .planned_views import PlannedView as PlannedView
+from .planned_views import plate_plan as plate_plan
 from .plate import PlateDescription as PlateDescription
 from .plate import PlateFile as PlateFile
 from .plate import describe_plate as describe_plate
@@ -38,6 +43,7 @@ from .plate_truth import PlateTruthFile as PlateTruthFile
 from .plate_truth import read_plate_truth as read_plate_truth
 from .plate_truth import write_plate_truth as write_plate_truth
 from .schemas import SCHEMAS as SCHEMAS
+from .shot import SHOT_FILE as SHOT_FILE
 from .shot import ShotFile as ShotFile
 from .shot import check_shot_matches as check_shot_matches
 from .shot import read_shot as read_shot

@@ -1,8 +1,9 @@
 from .deformation import Wobble as Wobble
 from .driver import SimulatedOptions as SimulatedOptions
+from .gauge import GaugeStand as GaugeStand
+from .gauge import draw_gauge_stand as draw_gauge_stand
 from .optics import Optics as Optics
 from .optics import develop as develop
-from .plate_session import TILT as TILT
 from .plate_session import PlatePosition as PlatePosition
 from .plate_session import PlateSessionSpec as PlateSessionSpec
 from .plate_session import plate_positions as plate_positions
@@ -22,6 +23,7 @@ from .scene import draw_pose as draw_pose
 from .scene import draw_scene as draw_scene
 from .scene import lump as lump
 from .scene import truth_of as truth_of
+from .simulated_plate import SimulatedPlateRig as SimulatedPlateRig
 from .simulated_rig import TRUE_CALIBRATION_METHOD as TRUE_CALIBRATION_METHOD
 from .simulated_rig import TRUE_CALIBRATION_UTC as TRUE_CALIBRATION_UTC
 from .simulated_rig import PoseDrawer as PoseDrawer

@@ -10,8 +10,11 @@ from pydantic import Field, model_validator
 from alignment.errors import ConfigurationError, DegenerateInputError
 from alignment.values import RigCalibration
 from sensors.drivers.driver import KnownCalibration, RigDriver, RigPlace
+from sensors.formats.gauge_frame import GaugeFrame, read_gauge_frame
+from sensors.formats.planned_views import MOST_PLANNED
+from sensors.formats.plate import read_plate
 from sensors.formats.truth import LoadOptions
-from sensors.formats.validation import StrictModel
+from sensors.formats.validation import FilePath, StrictModel
 from sensors.rig import Rig
 
 if TYPE_CHECKING:
@@ -44,6 +47,34 @@ class VehicleOptions(StrictModel):
     load_mm: float = Field(default=0.0, ge=0, le=15, description="Bulge of the front tyres; 0: in the air")
     runout_mm: float = Field(default=0.0, ge=0, le=5, description="Largest run-out of a tyre, peak to peak")
     tyre_width_sigma_mm: float = Field(default=0.0, ge=0, le=5, description="Spread of the tyres' widths")
+
+
+class SunOptions(StrictModel):
+    """A beam of sun on the tyre, which casts no shadows."""
+
+    level: float = Field(
+        default=5.0, gt=0, le=50, description="Irradiance; the projector's lines have 8 in their middle"
+    )
+    radius_mm: float = Field(default=40.0, gt=0, le=500, description="Of the beam")
+
+
+class PlateOptions(StrictModel):
+    """A calibration plate in place of the wheel, moved from view to view of the plan by every arming."""
+
+    file: FilePath = Field(description="Description of the plate, relative to the station's file")
+
+
+class GaugeOptions(StrictModel):
+    """A gauge frame in place of the wheels; its plate before this rig."""
+
+    frame: FilePath = Field(description="Description of the frame, relative to the station's file")
+    askew_deg: float = Field(
+        default=0.0,
+        ge=0,
+        le=5,
+        description="By which rigs are turned from their plan, one standard deviation; wheels are rendered"
+        " before rigs that stand as planned",
+    )
 
 
 _OF_SINGLE_WHEELS = {
@@ -88,6 +119,20 @@ class SimulatedOptions(StrictModel):
         description="Wheels of whole vehicles, the same for all rigs of one seed; their angles are their own",
     )
 
+    stays: bool = Field(default=False, description="The first wheel stays there, however often is armed")
+    ambient: float = Field(
+        default=0.15, ge=0, le=20, description="Light from all around; the projector's lines have 8"
+    )
+    sun: SunOptions | None = Field(default=None, description="Sun on the tyre")
+    plate: PlateOptions | None = Field(default=None, description="A plate stands there, and no wheel")
+    gauge: GaugeOptions | None = Field(default=None, description="A gauge frame stands there, and no wheel")
+
+    @model_validator(mode="after")
+    def _one_thing_stands_there(self) -> SimulatedOptions:
+        if self.plate is not None and self.gauge is not None:
+            raise DegenerateInputError(field="gauge", expected="none beside plate", seen="both")
+        return self
+
     @model_validator(mode="after")
     def _wheels_come_from_one_source(self) -> SimulatedOptions:
         given = sorted(self.model_fields_set & _OF_SINGLE_WHEELS)
@@ -99,8 +144,11 @@ class SimulatedOptions(StrictModel):
 
 
 def _make(options: SimulatedOptions, place: RigPlace) -> Rig:
+    if options.plate is not None or options.gauge is not None:
+        return _plate_rig(options, place)
     from sensors.simulation.deformation import Wobble
-    from sensors.simulation.simulated_rig import Road, SimulatedRig, angles_about
+    from sensors.simulation.scene import Sun
+    from sensors.simulation.simulated_rig import Road, SimulatedRig, Surroundings, angles_about
     from sensors.simulation.turning import Rollers
 
     wobble = rollers = None
@@ -123,7 +171,52 @@ def _make(options: SimulatedOptions, place: RigPlace) -> Rig:
         place.tolerance,
         Road(load, wobble, rollers),
         _wheels(options, place),
+        Surroundings(
+            options.ambient,
+            None if options.sun is None else Sun(level=options.sun.level, radius_mm=options.sun.radius_mm),
+        ),
+        options.stays,
     )
+
+
+def _plate_rig(options: SimulatedOptions, place: RigPlace) -> Rig:
+    import numpy as np
+
+    from sensors.simulation.gauge import draw_gauge_stand
+    from sensors.simulation.plate_session import PlatePosition, plate_positions
+    from sensors.simulation.simulated_plate import SimulatedPlateRig
+
+    true = _true(options, place)
+    if options.plate is not None:
+        plate = read_plate(place.folder / options.plate.file)
+        rng = np.random.default_rng([options.seed, 2])
+        positions = plate_positions(MOST_PLANNED)
+        return SimulatedPlateRig(true, plate, positions, rng, place.settings, place.tolerance)
+    frame, gauge = _gauge_frame(options, place)
+    stand = draw_gauge_stand(frame, place.rig, options.seed, gauge.askew_deg)
+    positions = (PlatePosition("gauge", rig_from_plate=stand.rig_from_plate),)
+    plate = frame.plates[place.rig].plate
+    return SimulatedPlateRig(true, plate, positions, stand.rng, place.settings, place.tolerance)
+
+
+def _gauge_frame(options: SimulatedOptions, place: RigPlace) -> tuple[GaugeFrame, GaugeOptions]:
+    assert options.gauge is not None
+    frame = read_gauge_frame(place.folder / options.gauge.frame)
+    if place.rig not in frame.plates:
+        raise ConfigurationError(
+            field="gauge.frame",
+            expected=f"a gauge frame with a plate for {place.rig}",
+            seen=f"'{options.gauge.frame}' with plates for {', '.join(frame.plates)}",
+        )
+    return frame, options.gauge
+
+
+def _check(options: SimulatedOptions, place: RigPlace) -> None:
+    """Read what stands before the rig."""
+    if options.plate is not None:
+        read_plate(place.folder / options.plate.file)
+    if options.gauge is not None:
+        _gauge_frame(options, place)
 
 
 def _true(options: SimulatedOptions, place: RigPlace) -> RigCalibration:
@@ -169,5 +262,5 @@ def _calibration(options: SimulatedOptions, place: RigPlace) -> KnownCalibration
     return KnownCalibration(_true(options, place), TRUE_CALIBRATION_METHOD, TRUE_CALIBRATION_UTC)
 
 
-DRIVER = RigDriver(SimulatedOptions, _make, calibration=_calibration, simulates=True)
+DRIVER = RigDriver(SimulatedOptions, _make, check=_check, calibration=_calibration, simulates=True)
 """The driver ``simulated``."""

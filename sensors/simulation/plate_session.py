@@ -15,14 +15,13 @@ from alignment.geometry import PosedCamera, RigidTransform
 from alignment.imaging import Plate
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings
+from sensors.formats.planned_views import TILT, plate_plan
 from sensors.formats.plate import PlateDescription, certified
 from sensors.formats.plate_session import CERTIFICATE_FILE, PlateSession, SessionView
 from sensors.formats.plate_truth import PlateTruth
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate import PlateLight, PlateLook, plate_image
 from sensors.simulation.render import SIMULATED_TIME
-
-TILT = math.radians(10.0)
 
 
 @dataclass(frozen=True)
@@ -54,33 +53,8 @@ class PlatePosition:
 
 
 def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, ...]:
-    """Return positions that make a strong calibration, the most important ones first; at most 9.
-
-    Height on the stage separates focal length from distance; shifts by half a pitch put other marks at other
-    places of the image, so that errors of marks do not pass for distortion; tilted views scale depth by the
-    plate itself, which is better known over its width than the stage is over its travel. With all errors on,
-    a wheel at 3° is then measured to 0.007′ RMS (10 rigs, joint adjustment), with seven heights alone to
-    0.019′.
-
-    Raises
-    ------
-    DegenerateInputError
-        When `count` is not from 3 to 9.
-    """
-    every = (
-        PlatePosition("z0"),
-        PlatePosition("z-30", (7.5, 7.5, -30.0)),
-        PlatePosition("z30", (0.0, 0.0, 30.0)),
-        PlatePosition("tilted_1", tilt=(tilt, 0.0)),
-        PlatePosition("tilted_2", tilt=(0.0, tilt)),
-        PlatePosition("z-15", (-7.5, 7.5, -15.0)),
-        PlatePosition("z15", (7.5, -7.5, 15.0)),
-        PlatePosition("tilted_3", tilt=(-tilt, 0.0)),
-        PlatePosition("tilted_4", tilt=(0.0, -tilt)),
-    )
-    if not 3 <= count <= len(every):
-        raise DegenerateInputError(field="views", expected=f"from 3 to {len(every)}", seen=str(count))
-    return every[:count]
+    """Return the positions of `plate_plan`."""
+    return tuple(PlatePosition(view.name, view.stage_mm, view.tilt) for view in plate_plan(count, tilt))
 
 
 @dataclass(frozen=True)
@@ -156,49 +130,100 @@ def simulate_plate_session(
     DegenerateInputError
         When `spec` names heads that the rig does not have.
     """
-    known = [head.name for head in calibration.heads]
-    heads = known if spec.heads is None else list(spec.heads)
-    if not heads or not set(heads) <= set(known):
-        raise DegenerateInputError(
-            field="heads", expected=f"heads among {', '.join(known)}", seen=", ".join(heads) or "none"
-        )
-    of_plate, of_stage, of_light, of_image = rng.spawn(4)
-    true_points = _true_points(plate.plate, spec, of_plate)
-    if spec.certificate_sigma_mm is not None:
-        stated = true_points + of_plate.normal(0.0, spec.certificate_sigma_mm, true_points.shape)
-        sigma = np.full(len(stated), spec.certificate_sigma_mm)
-        plate = certified(plate.file, stated, sigma, CERTIFICATE_FILE)
-    true_plate = replace(plate.plate, points=true_points)
-    cameras: dict[CameraKey, PosedCamera] = {}
-    for head in calibration.heads:
-        if head.name in heads:
-            cameras[head.name, "left"], cameras[head.name, "right"] = head.cameras
-    lights = {key: PlateLight(_top(of_light), spec.look.fall_off) for key in cameras}
+    before = PlateBeforeRig.of(spec, plate, calibration, rng)
     views, poses = [], {}
     for position in spec.positions:
-        nominal = np.array(spec.centre_mm) + position.stage_mm
-        off = spec.stage_errors * spec.stage_tolerance_mm * of_stage.uniform(-1.0, 1.0, 3)
-        staged = RigidTransform.from_rotvec(np.array([*position.tilt, 0.0]), nominal + off)
-        pose = position.rig_from_plate or staged
-        noise = of_image.spawn(len(cameras))
+        nominal, pose = before.put(position)
+        noise = before.of_image.spawn(len(before.cameras))
         images: dict[CameraKey, Image] = {}
-        for (key, camera), draw in zip(cameras.items(), noise, strict=True):
-            images[key] = plate_image(
-                true_plate, camera, pose, draw,
-                look=spec.look, optics=spec.optics, light=lights[key], settings=spec.settings,
-            )  # fmt: skip
+        for key, draw in zip(before.cameras, noise, strict=True):
+            images[key] = before.image(key, pose, draw, spec.settings)
         views.append(SessionView(position.name, nominal if position.on_stage else None, images))
         poses[position.name] = pose
+    cameras = before.cameras
     session = PlateSession(
         rig=calibration.rig,
         side=calibration.side,
         time_utc=time_utc,
-        plate=plate,
+        plate=before.plate,
         sizes={key: (camera.model.width, camera.model.height) for key, camera in cameras.items()},
         views=tuple(views),
         stage_tolerance_mm=spec.stage_tolerance_mm,
     )
-    return session, PlateTruth(seed, plate.plate.indices, true_points, poses)
+    return session, PlateTruth(seed, plate.plate.indices, before.true_plate.points, poses)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateBeforeRig:
+    """A plate with its errors before the cameras of a rig, in the light that falls on it.
+
+    Attributes
+    ----------
+    spec
+        How it is made.
+    plate
+        As it is described, with its certificate where it has one.
+    true_plate
+        As it is.
+    cameras, lights
+        Of the heads that look.
+    of_stage, of_image
+        Draw the errors of its positions, and the noise of images.
+    """
+
+    spec: PlateSessionSpec
+    plate: PlateDescription
+    true_plate: Plate
+    cameras: dict[CameraKey, PosedCamera]
+    lights: dict[CameraKey, PlateLight]
+    of_stage: np.random.Generator
+    of_image: np.random.Generator
+
+    @classmethod
+    def of(
+        cls,
+        spec: PlateSessionSpec,
+        plate: PlateDescription,
+        calibration: RigCalibration,
+        rng: np.random.Generator,
+    ) -> PlateBeforeRig:
+        """Draw plate and light; errors as `simulate_plate_session`."""
+        known = [head.name for head in calibration.heads]
+        heads = known if spec.heads is None else list(spec.heads)
+        if not heads or not set(heads) <= set(known):
+            raise DegenerateInputError(
+                field="heads", expected=f"heads among {', '.join(known)}", seen=", ".join(heads) or "none"
+            )
+        of_plate, of_stage, of_light, of_image = rng.spawn(4)
+        true_points = _true_points(plate.plate, spec, of_plate)
+        if spec.certificate_sigma_mm is not None:
+            stated = true_points + of_plate.normal(0.0, spec.certificate_sigma_mm, true_points.shape)
+            sigma = np.full(len(stated), spec.certificate_sigma_mm)
+            plate = certified(plate.file, stated, sigma, CERTIFICATE_FILE)
+        cameras: dict[CameraKey, PosedCamera] = {}
+        for head in calibration.heads:
+            if head.name in heads:
+                cameras[head.name, "left"], cameras[head.name, "right"] = head.cameras
+        lights = {key: PlateLight(_top(of_light), spec.look.fall_off) for key in cameras}
+        true_plate = replace(plate.plate, points=true_points)
+        return cls(spec, plate, true_plate, cameras, lights, of_stage, of_image)
+
+    def put(self, position: PlatePosition) -> tuple[Array, RigidTransform]:
+        """Put the plate there: where the stage says it is (3,), and its true pose in the rig frame."""
+        spec = self.spec
+        nominal = np.array(spec.centre_mm) + position.stage_mm
+        off = spec.stage_errors * spec.stage_tolerance_mm * self.of_stage.uniform(-1.0, 1.0, 3)
+        staged = RigidTransform.from_rotvec(np.array([*position.tilt, 0.0]), nominal + off)
+        return nominal, position.rig_from_plate or staged
+
+    def image(
+        self, key: CameraKey, pose: RigidTransform, rng: np.random.Generator, settings: CameraSettings
+    ) -> Image:
+        """What a camera sees of the plate in this pose."""
+        return plate_image(
+            self.true_plate, self.cameras[key], pose, rng,
+            look=self.spec.look, optics=self.spec.optics, light=self.lights[key], settings=settings,
+        )  # fmt: skip
 
 
 def _true_points(plate: Plate, spec: PlateSessionSpec, rng: np.random.Generator) -> Array:

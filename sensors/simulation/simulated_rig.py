@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from alignment.arrays import Singles
 from alignment.calibration import content_digest
 from alignment.geometry import RigidTransform
 from alignment.values import Image, RigCalibration, Side
@@ -21,9 +22,10 @@ from sensors.frames import FrameTolerance
 from sensors.rig import Rig, StereoHead
 from sensors.shot import WheelShot
 from sensors.simulation.deformation import Wobble
-from sensors.simulation.render import camera_image
+from sensors.simulation.optics import develop
+from sensors.simulation.render import camera_image, light_on_chip
 from sensors.simulation.rigs import RIG_SPECS, build_rig
-from sensors.simulation.scene import WheelPose, WheelScene, draw_pose, draw_scene, truth_of
+from sensors.simulation.scene import Sun, WheelPose, WheelScene, draw_pose, draw_scene, truth_of
 from sensors.simulation.turning import Rollers, TurningWheel, mean_truth
 
 PoseDrawer = Callable[[np.random.Generator], WheelPose]
@@ -46,6 +48,22 @@ def standing(calibration: RigCalibration, vehicle_from_rig: RigidTransform) -> R
     """
     placed = replace(calibration, vehicle_from_rig=vehicle_from_rig, vehicle_from_rig_measured=True)
     return replace(placed, id=f"simulated-{placed.rig}-{content_digest(placed, in_vehicle=True)[:12]}")
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Light that is not the projector's.
+
+    Attributes
+    ----------
+    ambient
+        Irradiance from all around, in the unit of `Projector.level`; None for what a scene has.
+    sun
+        A beam of sun; None where none falls.
+    """
+
+    ambient: float | None = None
+    sun: Sun | None = None
 
 
 @dataclass(frozen=True)
@@ -91,9 +109,16 @@ class SimulatedRig(Rig):
         What the wheels stand on.
     wheels
         Gives the wheels themselves, in place of `pose` and the load and wobble of `road`; None to draw them.
+    surroundings
+        Light beside the projector's.
+    stays
+        The first wheel stays there, whatever is armed.
 
     Attributes
     ----------
+    lamp
+        Share of the projector's light that falls on the wheel: a simulated projector sets it. None where the
+        rig has no such device: all of it.
     truth
         Of the wheel that stands there now, as the exposure last taken saw it.
     """
@@ -108,6 +133,8 @@ class SimulatedRig(Rig):
         tolerance: FrameTolerance | None = None,
         road: Road | None = None,
         wheels: WheelSource | None = None,
+        surroundings: Surroundings | None = None,
+        stays: bool = False,
     ) -> None:
         # Rendering takes its time, but all cameras expose at one moment.
         self._exposed_s = self._armed_s = 0.0
@@ -121,6 +148,10 @@ class SimulatedRig(Rig):
         self._preset = preset
         self._seed = seed
         self._road = road or Road()
+        self._surroundings = surroundings or Surroundings()
+        self._stays = stays
+        self.lamp: float | None = None
+        self._chips: dict[tuple[int, str, bool], Singles] = {}
         self._source = wheels or self._drawn
         self._wheels = 0
         self._exposures = 0
@@ -144,11 +175,14 @@ class SimulatedRig(Rig):
         return mean_truth([truth_of(self._turning.exposure(k)) for k in range(1, count + 1)])
 
     def arm(self) -> None:
-        """Put the next wheel there, then arm the cameras."""
-        self._wheels += 1
+        """Put the next wheel there, unless the first one stays, then arm the cameras."""
+        if not (self._stays and self._wheels):
+            self._wheels += 1
+            self._scene = self._turning = None
+            self._chips.clear()
         self._exposures = 0
         self._armed_s = time.monotonic()
-        self._scene = self._turning = self._seen = None
+        self._seen = None
         super().arm()
 
     def shoot(self, timeout_s: float) -> WheelShot:
@@ -164,7 +198,7 @@ class SimulatedRig(Rig):
 
     def _wheel(self) -> WheelScene:
         if self._scene is None:
-            self._scene = self._source(self._wheels)
+            self._scene = self._in_this_light(self._source(self._wheels))
             if self._road.rollers is not None:
                 wander = np.random.default_rng([self._seed, 2, self._wheels])
                 self._turning = TurningWheel(
@@ -174,6 +208,10 @@ class SimulatedRig(Rig):
             noise = self._rng(self._wheels).spawn(len(cameras))
             self._noise = dict(zip(cameras, noise, strict=True))
         return self._scene
+
+    def _in_this_light(self, wheel: WheelScene) -> WheelScene:
+        ambient, sun = self._surroundings.ambient, self._surroundings.sun
+        return replace(wheel, ambient=wheel.ambient if ambient is None else ambient, sun=sun or wheel.sun)
 
     def _rng(self, number: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, 1, number])
@@ -204,7 +242,32 @@ class SimulatedRig(Rig):
     def image(self, head: int, side: Literal["left", "right"]) -> Image:
         """What one camera sees now."""
         scene = self._exposed_wheel()
-        return camera_image(scene, self._calibration, head, side, self._noise[head, side], self.settings)
+        noise, settings = self._noise[head, side], self.settings
+        if self.lamp is None:
+            return camera_image(scene, self._calibration, head, side, noise, settings)
+        light = self._lit_by_lamp(scene, head, side, self.lamp)
+        return develop(light, scene.optics, noise, settings.exposure_ms, settings.gain_db)
+
+    def _lit_by_lamp(
+        self, scene: WheelScene, head: int, side: Literal["left", "right"], lamp: float
+    ) -> Singles:
+        """Light is additive: the scene without projectors, and so much of what they add."""
+        if lamp == 1.0:
+            return self._chip(scene, head, side, lit=True)
+        without = self._chip(scene, head, side, lit=False)
+        if lamp == 0.0:
+            return without
+        return without + np.float32(lamp) * (self._chip(scene, head, side, lit=True) - without)
+
+    def _chip(self, scene: WheelScene, head: int, side: Literal["left", "right"], *, lit: bool) -> Singles:
+        """What a camera collects, kept while a wheel stands."""
+        kept = self._chips.get((head, side, lit))
+        if kept is None:
+            seen = scene if lit else replace(scene, projectors=())
+            kept = light_on_chip(seen, self._calibration, head, side)
+            if self._turning is None:
+                self._chips[head, side, lit] = kept
+        return kept
 
 
 class _View:

@@ -17,7 +17,7 @@ from station.commands.output import BAD_INPUT, JsonFlag, print_json
 if TYPE_CHECKING:
     from sensors.drivers.driver import SeenCamera
 
-camera_app = typer.Typer(no_args_is_help=True, help="Camera drivers, cameras, and how they are.")
+camera_app = typer.Typer(no_args_is_help=True, help="Cameras: drivers, images, exposure, health.")
 
 _SEARCH_S = 20.0
 

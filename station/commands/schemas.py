@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from pydantic import BaseModel
 
 from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError, told
-from sensors.drivers.installed import LoadedDriver, installed_drivers, load_driver
+from sensors.drivers.installed import CAMERAS, LoadedDriver, installed_drivers, load_driver
 from sensors.formats import SCHEMAS
+from sensors.projectors import PROJECTORS, LoadedProjector, load_projector
 from station.configuration import StationConfig, VehicleType, station_model
 
 
@@ -22,8 +25,8 @@ def schema_of(name: str) -> dict[str, Any]:
     """
     known: dict[str, type[BaseModel]] = {**SCHEMAS, "station": StationConfig, "vehicle-type": VehicleType}
     if name == "station":
-        # With the settings of every camera driver that is installed.
-        known[name] = station_model(_all_drivers())
+        # With the settings of every driver that is installed.
+        known[name] = station_model(*_all_drivers())
     if name == "simulation":
         # Loads the renderer, which the others do without.
         from station.rehearsal import SimulationConfig
@@ -36,23 +39,32 @@ def schema_of(name: str) -> dict[str, Any]:
     return known[name].model_json_schema(by_alias=True)
 
 
-def _all_drivers() -> list[str]:
-    """Return the names of all installed drivers, after loading each: a schema without one would be wrong."""
-    names = sorted({one.name for one in installed_drivers()})
+def _all_drivers() -> tuple[list[str], list[str]]:
+    """Return the names of all installed drivers of cameras and of projectors, after loading each.
+
+    A schema without one of them would be wrong.
+    """
+    cameras, projectors = (
+        sorted({one.name for one in installed_drivers(kind)}) for kind in (CAMERAS, PROJECTORS)
+    )
+    loads: list[Callable[[], LoadedDriver | LoadedProjector]] = [
+        *(partial(load_driver, name) for name in cameras),
+        *(partial(load_projector, name) for name in projectors),
+    ]
     failures: list[TruewheelError] = []
-    for name in names:
+    for load in loads:
         try:
-            _require_schema(load_driver(name))
+            _require_schema(load())
         except ConfigurationError as error:
             failures.append(error)
     if len(failures) == 1:
         raise failures[0]
     if failures:
-        raise SeveralErrors(f"{len(failures)} camera drivers cannot be loaded", failures)
-    return names
+        raise SeveralErrors(f"{len(failures)} drivers cannot be loaded", failures)
+    return cameras, projectors
 
 
-def _require_schema(loaded: LoadedDriver) -> None:
+def _require_schema(loaded: LoadedDriver | LoadedProjector) -> None:
     try:
         loaded.driver.settings.model_json_schema(by_alias=True)
     except Exception as error:

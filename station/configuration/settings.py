@@ -20,6 +20,7 @@ from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, 
 from sensors.frames import FrameTolerance
 from station.configuration.health import HealthOptions
 from station.configuration.measure import MeasureOptions
+from station.configuration.projectors import projectors_named
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
 from station.configuration.vehicle_types import (
     LEAST_TURN_DEG,
@@ -302,14 +303,14 @@ class StationConfig(StrictModel):
         return self
 
 
-def station_model(drivers: Collection[str]) -> type[StationConfig]:
-    """Return the model of a station's file with the tables of camera drivers; these drivers are imported."""
+def station_model(drivers: Collection[str], projectors: Collection[str] = ()) -> type[StationConfig]:
+    """Return the model of a station's file with the tables of its drivers; these drivers are imported."""
     rigs = StationConfig.model_fields["rigs"]
     return create_model(
         "StationConfig",
         __base__=StationConfig,
         __doc__=StationConfig.__doc__,
-        rigs=(tuple[rig_model(drivers), ...], rigs),  # type: ignore[arg-type, misc]
+        rigs=(tuple[rig_model(drivers, projectors), ...], rigs),  # type: ignore[arg-type, misc]
     )
 
 
@@ -368,7 +369,13 @@ class Configuration:
             for rig in self.settings.rigs
             if rig.cameras.installed.foreign
         }
-        return content | ({"drivers": foreign} if foreign else {})
+        lights = {
+            light.driver: str(light.projector.installed)
+            for light in (rig.projector for rig in self.settings.rigs)
+            if light is not None and light.projector.installed.foreign
+        }
+        named = {"drivers": foreign, "projectors": lights}
+        return content | {key: value for key, value in named.items() if value}
 
     @property
     def hash(self) -> str:
@@ -395,7 +402,9 @@ def read_station(path: Path) -> StationConfig:
         As `read_configuration`.
     """
     data = load_toml(path, "a station's configuration")
-    return validate(station_model(drivers_named(data.get("rigs"))), data, file=path, error=ConfigurationError)
+    rigs = data.get("rigs")
+    model = station_model(drivers_named(rigs), projectors_named(rigs))
+    return validate(model, data, file=path, error=ConfigurationError)
 
 
 def read_configuration(path: Path) -> Configuration:

@@ -68,7 +68,8 @@ class CalibrationImages:
 
     def _one(self, position: WheelPosition, start: _Start) -> None:
         position.arm()
-        shot = position.expose(self._measure_s)
+        # A plate is seen in the light of the room: lines of the projector would cross its marks.
+        shot = position.expose(self._measure_s, unlit=True)
         start.folder.mkdir(parents=True, exist_ok=True)
         part = start.folder / f".{position.name}.part"
         try:

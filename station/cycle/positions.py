@@ -339,9 +339,15 @@ class WheelPosition:
         self._arming.begin()
         self._arming.arm(self.rig)
 
-    def expose(self, timeout_s: float) -> WheelShot:
-        """Take one exposure, again once when a camera failed. Raises `TruewheelError`."""
-        return self._retaking.done(self.rig, lambda: self.rig.shoot(timeout_s))
+    def expose(self, timeout_s: float, *, unlit: bool = False) -> WheelShot:
+        """Take one exposure, without the projector where asked, again once when a camera failed.
+
+        Raises `TruewheelError`.
+        """
+        shoot: Callable[[float], WheelShot] = self.rig.shoot
+        if unlit:
+            shoot = getattr(self.rig, "shoot_unlit", shoot)
+        return self._retaking.done(self.rig, lambda: shoot(timeout_s))
 
     def shoot(self) -> WheelShot:
         """Take one exposure, of this calibration's cameras.

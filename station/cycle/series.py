@@ -175,7 +175,7 @@ def take_series(
         shots.append(shot)
         times.append(shot.frames[0].device_time_s)
         try:
-            waiting.append(worker.submit(series.take, shot.frames[0].trigger_counter, shot.images))
+            waiting.append(worker.submit(series.take, shot.number, shot.images))
         except WorkerError as error:
             raise SeriesError(ErrorCode.INTERNAL_FAULT, f"{position.name}: {error}") from error
     if (refused := measured(0)) is not None:

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from alignment.units import ARCMIN
-from alignment.values import RigCalibration, Side, nominal_vehicle_from_rig
+from alignment.values import RigCalibration
 from sensors.formats import GaugeFrame, PlateSession, PlateTruth
 from sensors.simulation import (
     Optics,
     PlatePosition,
     PlateSessionSpec,
+    draw_gauge_stand,
     simulate_plate_session,
     true_calibration,
 )
 from station.rehearsal.plate_simulation import write_simulated_session
 from station.rehearsal.simulation import SimulationConfig
-
-ASKEW_DEG = 0.3
-"""By which rigs are turned from their plan, one standard deviation about each axis."""
-_SHIFT_MM = 2.0  # by which they stand off then
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +31,7 @@ class SimulatedGaugeView:
 
 
 def simulate_gauge_session(
-    config: SimulationConfig, frame: GaugeFrame, seed: int, askew_deg: float = ASKEW_DEG
+    config: SimulationConfig, frame: GaugeFrame, seed: int, askew_deg: float = 0.3
 ) -> tuple[SimulatedGaugeView, ...]:
     """Render one view of a gauge frame by every rig.
 
@@ -57,32 +50,22 @@ def simulate_gauge_session(
         By which rigs are turned from their plan about each axis, one standard deviation; they are shifted in
         proportion. Wheels are rendered before rigs that stand as planned, 0.
     """
-    turn, shift_mm = math.radians(askew_deg), _SHIFT_MM * askew_deg / ASKEW_DEG
     out = []
-    for number, (rig, gauge) in enumerate(frame.plates.items()):
-        # Its own stream for each rig, another than wheels and plates of this seed draw from.
-        rng = np.random.default_rng([seed, 3, number])
-        outboard = gauge.vehicle_from_plate.rotation[:, 2]
-        side: Side = "left" if outboard[1] > 0 else "right"
-        calibration = true_calibration(rig, side, config.rig, seed)
-        plate_stands = gauge.vehicle_from_plate.perturbed(
-            rng.normal(0.0, frame.file.angle_sigma_arcmin * ARCMIN, 3),
-            rng.normal(0.0, frame.file.position_sigma_mm, 3),
-        )
-        rig_stands = nominal_vehicle_from_rig(side).perturbed(
-            rng.normal(0.0, turn, 3),
-            gauge.vehicle_from_plate.translation + rng.normal(0.0, shift_mm, 3),
-        )
+    for rig, gauge in frame.plates.items():
+        stand = draw_gauge_stand(frame, rig, seed, askew_deg)
+        calibration = true_calibration(rig, stand.side, config.rig, seed)
         spec = PlateSessionSpec(
-            positions=(PlatePosition("gauge", rig_from_plate=rig_stands.inverse() @ plate_stands),),
+            positions=(PlatePosition("gauge", rig_from_plate=stand.rig_from_plate),),
             flatness_errors=1.0,
             optics=Optics(**config.optics.model_dump()),
             settings=config.cameras.settings(),
         )
         session, truth = simulate_plate_session(
-            spec, gauge.plate, calibration, rng, seed=seed, time_utc=datetime.now(UTC)
+            spec, gauge.plate, calibration, stand.rng, seed=seed, time_utc=datetime.now(UTC)
         )
-        out.append(SimulatedGaugeView(session, replace(truth, vehicle_from_rig=rig_stands), calibration))
+        out.append(
+            SimulatedGaugeView(session, replace(truth, vehicle_from_rig=stand.vehicle_from_rig), calibration)
+        )
     return tuple(out)
 
 

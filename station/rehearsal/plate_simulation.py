@@ -10,6 +10,7 @@ import numpy as np
 from alignment.errors import ConfigurationError
 from alignment.values import RigCalibration, Side
 from sensors.formats import (
+    TILT,
     PlateDescription,
     PlateSession,
     PlateTruth,
@@ -18,7 +19,6 @@ from sensors.formats import (
     write_plate_truth,
 )
 from sensors.simulation import (
-    TILT,
     TRUE_CALIBRATION_METHOD,
     TRUE_CALIBRATION_UTC,
     Optics,

@@ -33,23 +33,53 @@ def open_rig(configuration: Configuration, index: int) -> tuple[Rig, Calibration
     rig = configuration.settings.rigs[index]
     driver = rig.cameras.driver
     calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
+    require_calibration(configuration, index)
+    made = make_rig(configuration, index, calibration)
+    if calibration is None:
+        assert isinstance(driver, RigDriver)
+        assert driver.calibration is not None
+        with in_driver(configuration, index):
+            place = rig_place(configuration, index, None)
+            calibration = _known(driver.calibration(rig.options, place))
+    return made, calibration
+
+
+def require_calibration(configuration: Configuration, index: int) -> None:
+    """Refuse a rig that has nothing but the names of its heads: it can be looked at, and measures nothing."""
+    rig = configuration.settings.rigs[index]
+    if rig.calibration is None and not rig.knows_calibration:
+        raise ConfigurationError(
+            file=configuration.file,
+            field=f"rigs[{index}].calibration",
+            expected=f"the calibration file of {rig.name}",
+            seen="none, only the names of its heads",
+            cure="Capture a plate session with its cameras, calibrate it, and name the file here",
+        )
+
+
+def make_rig(configuration: Configuration, index: int, calibration: CalibrationInForce | None) -> Rig:
+    """Return the cameras of a rig, not connected; its heads are those of the calibration where there is one.
+
+    Raises
+    ------
+    InputError
+        When its driver finds a mistake, fails, or makes something else than cameras.
+    """
+    rig = configuration.settings.rigs[index]
+    driver = rig.cameras.driver
     place = rig_place(configuration, index, calibration)
-    with _in_driver(configuration, index):
+    with in_driver(configuration, index):
         if driver.check is not None:
             driver.check(rig.options, place)
-        if isinstance(driver, RigDriver):
-            made: object = driver.make(rig.options, place)
-            if not isinstance(made, Rig):
-                raise _no(f"a Rig for {place.rig}", made)
-            if calibration is None:
-                assert driver.calibration is not None
-                calibration = _known(driver.calibration(rig.options, place))
-            if not driver.in_process:
-                bounds, sizes = call_bounds(configuration), _sizes(calibration, rig.name)
-                made.guard(lambda camera: GuardedCamera(camera, None, bounds, size=sizes.get(camera.name)))
-            return made, calibration
-        assert calibration is not None
-        return _rig_of_cameras(configuration, index, driver, place, calibration), calibration
+        if not isinstance(driver, RigDriver):
+            return _rig_of_cameras(configuration, index, driver, place, calibration)
+        made: object = driver.make(rig.options, place)
+        if not isinstance(made, Rig):
+            raise _no(f"a Rig for {place.rig}", made)
+        if not driver.in_process:
+            bounds, sizes = call_bounds(configuration), _sizes(calibration, rig.name)
+            made.guard(lambda camera: GuardedCamera(camera, None, bounds, size=sizes.get(camera.name)))
+        return made
 
 
 def call_bounds(configuration: Configuration) -> CallBounds:
@@ -72,16 +102,18 @@ def check_rig(configuration: Configuration, index: int) -> None:
     """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`."""
     rig = configuration.settings.rigs[index]
     calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
+    require_calibration(configuration, index)
     check = rig.cameras.driver.check
     if check is not None:
-        with _in_driver(configuration, index):
+        with in_driver(configuration, index):
             check(rig.options, rig_place(configuration, index, calibration))
 
 
 def rig_place(configuration: Configuration, index: int, calibration: CalibrationInForce | None) -> RigPlace:
     """Return what a driver is told of a rig."""
     rig, cameras = configuration.settings.rigs[index], configuration.settings.cameras
-    heads = () if calibration is None else tuple(head.name for head in calibration.calibration.heads)
+    known = None if calibration is None else tuple(head.name for head in calibration.calibration.heads)
+    heads = known or rig.heads or ()
     return RigPlace(
         rig.name, rig.side, heads, configuration.file.parent, cameras.settings(), cameras.tolerance()
     )
@@ -131,7 +163,7 @@ def _rig_of_cameras(
     index: int,
     driver: CameraDriver[StrictModel],
     place: RigPlace,
-    calibration: CalibrationInForce,
+    calibration: CalibrationInForce | None,
 ) -> Rig:
     rig, bounds = configuration.settings.rigs[index], call_bounds(configuration)
     sizes = _sizes(calibration, rig.name)
@@ -156,8 +188,10 @@ def _rig_of_cameras(
     return Rig(place.rig, heads, place.settings, tolerance=place.tolerance)
 
 
-def _sizes(calibration: CalibrationInForce, rig: str) -> dict[str, tuple[int, int]]:
-    """(height, width) of the images of each camera, by its name."""
+def _sizes(calibration: CalibrationInForce | None, rig: str) -> dict[str, tuple[int, int]]:
+    """(height, width) of the images of each camera, by its name; nothing where no calibration says it."""
+    if calibration is None:
+        return {}
     return {
         f"{rig}/{head.name}/{side}": (camera.model.height, camera.model.width)
         for head in calibration.calibration.heads
@@ -166,11 +200,18 @@ def _sizes(calibration: CalibrationInForce, rig: str) -> dict[str, tuple[int, in
 
 
 @contextlib.contextmanager
-def _in_driver(configuration: Configuration, index: int) -> Iterator[None]:
-    """Let mistakes name their field of the file, and whatever else a driver raises be one clear error."""
+def in_driver(configuration: Configuration, index: int, light: bool = False) -> Iterator[None]:
+    """Let mistakes name their field of the file, and whatever else a driver raises be one clear error.
+
+    `light` says that it is the driver of the rig's projector and not of its cameras.
+    """
     rig = configuration.settings.rigs[index]
-    field = f"rigs[{index}].{rig.driver}"
-    installed = rig.cameras.installed
+    name, made, installed = rig.driver, "cameras", rig.cameras.installed
+    field = f"rigs[{index}].{name}"
+    if light:
+        assert rig.projector is not None
+        name, made, installed = rig.projector.driver, "a projector", rig.projector.projector.installed
+        field = f"rigs[{index}].projector.{name}"
     try:
         yield
     except InputError as error:
@@ -190,7 +231,7 @@ def _in_driver(configuration: Configuration, index: int) -> Iterator[None]:
         raise ConfigurationError(
             file=configuration.file,
             field=field,
-            expected=f"cameras from the driver '{rig.driver}' ({installed})",
+            expected=f"{made} from the driver '{name}' ({installed})",
             seen=told(error),
             cure=f"Check its settings; if they are right, tell the makers of {installed.package}",
         ) from error

@@ -19,6 +19,7 @@ from db.store import ResultStore
 from db.upkeep import BackgroundWork
 from sensors.drivers.driver import RigDriver
 from sensors.guarded import GuardedCamera
+from sensors.projectors import LitRig
 from sensors.rig import Rig
 from station.configuration import Configuration, StationConfig
 from station.cycle import (
@@ -42,6 +43,7 @@ from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
 from station.running.cameras import open_rig, takes_again_within_s
 from station.running.frame import common_frame
+from station.running.light import with_light
 from station.store import (
     ArchivingObserver,
     ImageArchive,
@@ -125,7 +127,7 @@ def open_station(
 
     with ExitStack() as stack:
         database = attempt(lambda: load_line_database(configuration.path(settings.line.dbc)))
-        opened = [attempt(partial(open_rig, configuration, k)) for k in range(len(settings.rigs))]
+        opened = [attempt(partial(_open_lit, configuration, k)) for k in range(len(settings.rigs))]
         rigs = [each for each in opened if each is not None]
         frame = None
         if len(rigs) == len(opened):
@@ -175,6 +177,11 @@ def open_station(
         cycle.start()
         describe_station(store.results, configuration, whole, utc_now())
         yield OpenStation(cycle, whole, store.results, store.background, line, database, bus)
+
+
+def _open_lit(configuration: Configuration, index: int) -> tuple[Rig | LitRig, CalibrationInForce]:
+    rig, known = open_rig(configuration, index)
+    return with_light(configuration, index, rig), known
 
 
 def cycle_bounds(settings: StationConfig) -> Bounds:
@@ -231,7 +238,7 @@ def _together(failures: list[TruewheelError]) -> TruewheelError:
 
 def _position(
     settings: StationConfig,
-    rig: Rig,
+    rig: Rig | LitRig,
     known: CalibrationInForce,
     frame: CommonFrame | None,
     retake_within_s: float,
@@ -250,7 +257,9 @@ def _position(
 
 
 def _watch(
-    configuration: Configuration, store: StationStore, rigs: Sequence[tuple[Rig, CalibrationInForce]]
+    configuration: Configuration,
+    store: StationStore,
+    rigs: Sequence[tuple[Rig | LitRig, CalibrationInForce]],
 ) -> CameraWatch:
     station = configuration.settings.station.id
     calibrated = {rig.name: int(known.created_utc.timestamp() // HOUR_S) for rig, known in rigs}

@@ -111,6 +111,15 @@ def test_calibrate_records_images_and_judges_nothing(bench: Bench, tmp_path: Pat
         assert able.line.status.error_code is ErrorCode.CAMERA_FAULT
 
 
+def test_a_plate_is_recorded_without_the_light_lines_of_the_projector(tmp_path: Path) -> None:
+    with open_bench(image_folder=tmp_path / "images") as able:
+        rig = able.rigs["front_left"]
+        rig.shoot_unlit = lambda timeout_s: rig.log.append("unlit") or rig.shot  # type: ignore[attr-defined, func-returns-value]
+        able.trigger(1, wheels=["front_left"], mode=Mode.CALIBRATE)
+        assert able.line.outcomes["front_left"] is Outcome.RECORDED
+        assert "unlit" in rig.log
+
+
 def zero(name: str, rig: str, calibration: str, toe: float) -> ZeroRecord:
     return ZeroRecord(
         name, rig, calibration, TODAY, master="m", method="tyre_plane", shots=1, camber=0.0, toe=toe,
