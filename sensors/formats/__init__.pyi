@@ -37,10 +37,10 @@ from .plate_truth import PlateTruthFile as PlateTruthFile
 from .plate_truth import read_plate_truth as read_plate_truth
 from .plate_truth import write_plate_truth as write_plate_truth
 from .schemas import SCHEMAS as SCHEMAS
-from .shot import ShotFile as ShotFile
 from .shot import check_shot_matches as check_shot_matches
 from .shot import read_shot as read_shot
 from .shot import write_shot as write_shot
+from .shot_file import ShotFile as ShotFile
 from .text import text_of as text_of
 from .truth import LoadOptions as LoadOptions
 from .truth import TruthFile as TruthFile

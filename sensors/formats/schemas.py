@@ -10,7 +10,7 @@ from sensors.formats.gauge_frame import GaugeFrameFile
 from sensors.formats.plate import PlateFile
 from sensors.formats.plate_session import PlateSessionFile
 from sensors.formats.plate_truth import PlateTruthFile
-from sensors.formats.shot import ShotFile
+from sensors.formats.shot_file import ShotFile
 from sensors.formats.truth import TruthFile
 from sensors.formats.vehicle import VehicleFile, VehicleTruthFile
 
