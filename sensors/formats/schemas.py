@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
+from sensors.formats.archived import ArchivedFile
 from sensors.formats.calibration import CalibrationFile
 from sensors.formats.calibration_input import CalibrationInputFile
 from sensors.formats.gauge_frame import GaugeFrameFile
@@ -16,6 +17,7 @@ from sensors.formats.vehicle import VehicleFile, VehicleTruthFile
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "shot": ShotFile,
+    "archived": ArchivedFile,
     "calibration": CalibrationFile,
     "calibration-input": CalibrationInputFile,
     "truth": TruthFile,

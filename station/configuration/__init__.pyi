@@ -1,3 +1,5 @@
+from .archive import ArchiveSettings as ArchiveSettings
+from .archive import KeptFor as KeptFor
 from .environment import damaged_package as damaged_package
 from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
@@ -5,7 +7,6 @@ from .places import default_config as default_config
 from .places import own_config as own_config
 from .places import own_configuration as own_configuration
 from .rigs import RigSettings as RigSettings
-from .settings import ArchiveSettings as ArchiveSettings
 from .settings import CameraOptions as CameraOptions
 from .settings import Configuration as Configuration
 from .settings import CycleSettings as CycleSettings
