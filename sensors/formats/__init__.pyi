@@ -62,6 +62,7 @@ from .validation import FilePath as FilePath
 from .validation import Name as Name
 from .validation import StrictModel as StrictModel
 from .validation import dump_json as dump_json
+from .validation import load_json as load_json
 from .validation import load_toml as load_toml
 from .validation import validate as validate
 from .vehicle import CORNERS as CORNERS

@@ -11,6 +11,7 @@ from .settings import CameraOptions as CameraOptions
 from .settings import Configuration as Configuration
 from .settings import CycleSettings as CycleSettings
 from .settings import DatabaseSettings as DatabaseSettings
+from .settings import MeasureOptions as MeasureOptions
 from .settings import StandOptions as StandOptions
 from .settings import StationConfig as StationConfig
 from .settings import read_configuration as read_configuration

@@ -71,7 +71,7 @@ def found_of(
     if measurement is None:
         assert failure is not None
         return ArchivedResult(
-            outcome=str(failure.outcome),
+            outcome="refused" if failure.outcome is WheelOutcome.REFUSED else "fault",
             reason_code=failure.reason_code[:200],
             reason_text=failure.text[:2000],
         )
