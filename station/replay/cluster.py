@@ -62,7 +62,7 @@ def measure_on_cluster(
             cure="Install truewheel with its extra: pip install 'truewheel[cluster]'",
         ) from error
     try:
-        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        client = Client(address, timeout=_CONNECT_S)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigurationError(
             choice=_SCHEDULER,
