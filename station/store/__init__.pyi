@@ -2,9 +2,9 @@ from .archive import ArchivingObserver as ArchivingObserver
 from .archive import ImageArchive as ImageArchive
 from .archived import ZERO_FIELDS as ZERO_FIELDS
 from .archived import found_of as found_of
-from .environment import CODE as CODE
-from .environment import environment as environment
 from .keeping import Keeping as Keeping
+from .libraries import CODE as CODE
+from .libraries import environment as environment
 from .opening import archive_policy as archive_policy
 from .opening import describe_station as describe_station
 from .opening import open_archive as open_archive

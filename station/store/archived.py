@@ -23,7 +23,7 @@ from sensors.formats import (
 from sensors.shot import SeriesPlace, WheelShot
 from station.configuration import VehicleType
 from station.cycle import Failure, MeasuredWith, WheelResult, axle_of
-from station.store.environment import environment
+from station.store.libraries import environment
 
 
 def write_wheel(folder: Path, record: CycleRecord, wheel: WheelResult, kind: VehicleType | None) -> str:
