@@ -29,6 +29,26 @@ class HeadFrames:
             )
 
 
+@dataclass(frozen=True)
+class SeriesPlace:
+    """Which exposure of a turning wheel a shot is.
+
+    Attributes
+    ----------
+    number
+        In its series, from 1.
+    exposures
+        That the series was to have.
+    turn
+        How far the wheel had turned since the first exposure, radians, counter-clockwise seen from outboard;
+        None where nothing told it.
+    """
+
+    number: int
+    exposures: int
+    turn: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class WheelShot:
     """One exposure of all heads of a rig.
@@ -44,12 +64,15 @@ class WheelShot:
     dark
         The same heads without the projector's light, by the next trigger, with the same exposure time; empty
         where none were taken.
+    series
+        Its place among the exposures of a turning wheel; None for a single one.
     """
 
     rig: str
     time_utc: datetime
     heads: tuple[HeadFrames, ...]
     dark: tuple[HeadFrames, ...] = ()
+    series: SeriesPlace | None = None
 
     def __post_init__(self) -> None:
         if self.time_utc.tzinfo is None:

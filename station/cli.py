@@ -39,6 +39,7 @@ from station.commands.line import line_app
 from station.commands.measure_vehicle import measure_vehicle_command
 from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
+from station.commands.replay import replay
 from station.commands.report import report
 from station.commands.simulate import simulate_app
 from station.commands.simulate_vehicle import simulate_vehicle_command
@@ -75,6 +76,7 @@ app.command()(bench)
 app.command()(export)
 app.command()(warm_up)
 app.command()(report)
+app.command()(replay)
 app.add_typer(simulate_app, name="simulate", cls=Verbs)
 app.add_typer(calibration_app, name="calibration", cls=Verbs)
 app.add_typer(gauge_app, name="gauge", cls=Verbs)

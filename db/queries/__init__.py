@@ -1,5 +1,13 @@
 """The read side of the result database: who may only read asks here; see `docs/database.md`."""
 
+from db.queries.archived import (
+    ArchivedCycle,
+    archived_cycles,
+    calibrations_by_id,
+    configuration_in_force,
+    cycles_of_vin,
+    kept_images,
+)
 from db.queries.cameras import camera_trends
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Shift
 from db.queries.names import KnownNames, known_names, require_known
@@ -30,6 +38,7 @@ from db.records import Quantity
 
 __all__ = [
     "EVERYTHING",
+    "ArchivedCycle",
     "Characteristic",
     "CharacteristicMoments",
     "CheckOfStation",
@@ -47,14 +56,19 @@ __all__ = [
     "VinHistory",
     "WheelCounts",
     "YieldCounts",
+    "archived_cycles",
+    "calibrations_by_id",
     "camera_trends",
     "characteristic_moments",
     "checks",
+    "configuration_in_force",
     "cycle_records",
+    "cycles_of_vin",
     "events",
     "gauge_studies",
     "gauge_study",
     "gauge_value_counts",
+    "kept_images",
     "known_names",
     "moments",
     "reasons",

@@ -177,6 +177,9 @@ class ArchivedShotRecord:
         Folder or file, relative to the archive's folder.
     bytes
         Size on disk.
+    record_sha256
+        Of the file ``archived.json`` in that folder, which holds the hash of every other file; None where
+        there is no such file, as in archives of earlier programs.
     """
 
     cycle: UUID
@@ -185,6 +188,7 @@ class ArchivedShotRecord:
     bytes: int
     archived_utc: datetime
     retention: RetentionClass
+    record_sha256: str | None = None
     uuid: UUID = field(default_factory=uuid4)
 
     def __post_init__(self) -> None:

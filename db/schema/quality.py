@@ -78,9 +78,12 @@ archived_shots = Table(
     Column("archived_utc", UtcDateTime, nullable=False),
     choice("retention", RetentionClass),
     Column("stored_utc", UtcDateTime, nullable=False),
+    # Of the record in that folder; empty in archives of earlier programs.
+    Column("record_sha256", Text),
     UniqueConstraint("uuid"),
     check("path_not_empty", "path <> ''"),
     check("possible_size", "bytes >= 0"),
+    check("possible_hash", "length(record_sha256) = 64"),
     # Serves "the images of this cycle".
     Index(None, "cycle_id", "wheel"),
     # Serves the ring: "the oldest ones that may go".

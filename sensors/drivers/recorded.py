@@ -18,7 +18,8 @@ from sensors.camera import CameraSettings
 from sensors.drivers.driver import RigDriver, RigPlace
 from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.files import entries
-from sensors.formats.shot import SHOT_FILE, FrameEntry, read_frame, read_shot_file
+from sensors.formats.shot import SHOT_FILE, read_frame, read_shot_file
+from sensors.formats.shot_file import FrameEntry
 from sensors.formats.validation import FilePath, StrictModel
 from sensors.frames import FrameTolerance
 from sensors.rig import Rig, StereoHead

@@ -1,3 +1,11 @@
+from .archived import ARCHIVED_CALIBRATION as ARCHIVED_CALIBRATION
+from .archived import ARCHIVED_FILE as ARCHIVED_FILE
+from .archived import ArchivedFile as ArchivedFile
+from .archived import ArchivedResult as ArchivedResult
+from .archived import archived_bytes as archived_bytes
+from .archived import archived_hash as archived_hash
+from .archived import changed_files as changed_files
+from .archived import read_archived as read_archived
 from .calibration import CalibrationFile as CalibrationFile
 from .calibration import describe_calibration as describe_calibration
 from .calibration import read_calibration as read_calibration
@@ -44,10 +52,11 @@ from .plate_truth import read_plate_truth as read_plate_truth
 from .plate_truth import write_plate_truth as write_plate_truth
 from .schemas import SCHEMAS as SCHEMAS
 from .shot import SHOT_FILE as SHOT_FILE
-from .shot import ShotFile as ShotFile
 from .shot import check_shot_matches as check_shot_matches
 from .shot import read_shot as read_shot
+from .shot import shot_files as shot_files
 from .shot import write_shot as write_shot
+from .shot_file import ShotFile as ShotFile
 from .text import text_of as text_of
 from .truth import LoadOptions as LoadOptions
 from .truth import TruthFile as TruthFile
@@ -59,6 +68,7 @@ from .validation import FilePath as FilePath
 from .validation import Name as Name
 from .validation import StrictModel as StrictModel
 from .validation import dump_json as dump_json
+from .validation import load_json as load_json
 from .validation import load_toml as load_toml
 from .validation import validate as validate
 from .vehicle import VEHICLE_FILE as VEHICLE_FILE

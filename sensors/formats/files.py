@@ -6,7 +6,7 @@ import contextlib
 import os
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import BinaryIO
@@ -192,7 +192,7 @@ def require_new(folder: Path) -> None:
         )
 
 
-def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_folder(folder: Path, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]]) -> None:
     """Make a folder so that it appears with all its files or not at all.
 
     Parameters
@@ -200,7 +200,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     folder
         Must not exist, or be empty: nothing recorded is ever replaced.
     files
-        Content of each file by its name.
+        Content of each file by its name, or name and content one after the other: then no more than one is
+        in memory. A name may lead into a folder of its own.
 
     Raises
     ------
@@ -218,9 +219,15 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
                 cure="Choose another name; what is recorded is never replaced",
             )
         temporary.mkdir(parents=True)
-        for name, content in files.items():
-            _write_durably(temporary / name, content)
-        _sync_folder(temporary)
+        inner: set[Path] = set()
+        for name, content in files.items() if isinstance(files, Mapping) else files:
+            path = temporary / name
+            if path.parent != temporary and path.parent not in inner:
+                path.parent.mkdir(parents=True)
+                inner.add(path.parent)
+            _write_durably(path, content)
+        for each in (*inner, temporary):
+            _sync_folder(each)
         temporary.replace(folder)
         _sync_folder(folder.parent)
     except OSError as error:

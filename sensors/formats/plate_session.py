@@ -21,7 +21,7 @@ from sensors.formats.calibration import check_side
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
 from sensors.formats.plate import PlateDescription, PlateFile, describe_plate, read_plate
-from sensors.formats.shot import ImageName
+from sensors.formats.shot_file import ImageName
 from sensors.formats.validation import FilePath, Name, StrictModel, dump_json, load_json, validate
 
 SESSION_FILE = "session.json"

@@ -192,12 +192,14 @@ def validate(
     )
 
 
-def dump_json(model: BaseModel) -> bytes:
+def dump_json(model: BaseModel, *, without_none: bool = False) -> bytes:
     """Return the model as JSON, UTF-8, one line per field and per row of a matrix.
 
-    Numbers are written with the fewest digits that read back to the same value.
+    Numbers are written with the fewest digits that read back to the same value. `without_none` leaves out
+    what has no value.
     """
-    return (_text(model.model_dump(mode="json", by_alias=True), "") + "\n").encode()
+    plain = model.model_dump(mode="json", by_alias=True, exclude_none=without_none)
+    return (_text(plain, "") + "\n").encode()
 
 
 def _text(value: object, indent: str) -> str:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from alignment.errors import ConfigurationError, ProjectorError, SeveralErrors, TruewheelError, told
+from sensors.camera import Camera
 from sensors.projectors.projector import ProjectorDevice, ProjectorState
 from sensors.rig import Rig
 from sensors.shot import WheelShot

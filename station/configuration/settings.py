@@ -18,6 +18,7 @@ from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES
 from sensors.camera import CameraSettings
 from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, validate
 from sensors.frames import FrameTolerance
+from station.configuration.archive import ArchiveSettings
 from station.configuration.health import HealthOptions
 from station.configuration.measure import MeasureOptions
 from station.configuration.projectors import projectors_named
@@ -66,22 +67,6 @@ class DatabaseSettings(StrictModel):
     )
     minimum_free_mb: float = Field(
         default=500.0, ge=0, le=1e7, description="Less room on the disk than this is reported, megabytes"
-    )
-
-
-class ArchiveSettings(StrictModel):
-    """Where images are kept, and how long; older ones make room for newer ones."""
-
-    folder: FilePath = Field(description="Folder of the images, relative to this file")
-    keep: Literal["all", "evidence"] = Field(
-        default="all", description="All images, or only those of wheels that were NOK, refused or failed"
-    )
-    most_gb: float = Field(default=100.0, gt=0, le=1e6, description="Largest size of all images, gigabytes")
-    ordinary_days: float = Field(
-        default=14.0, gt=0, le=36_500, description="Longest time of images of good wheels, days"
-    )
-    evidence_days: float = Field(
-        default=365.0, gt=0, le=36_500, description="Longest time of images of all other wheels, days"
     )
 
 

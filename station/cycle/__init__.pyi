@@ -6,6 +6,7 @@ from .geometry_words import NO_GEOMETRY as NO_GEOMETRY
 from .geometry_words import GeometryAnswer as GeometryAnswer
 from .geometry_words import QuantityAnswer as QuantityAnswer
 from .geometry_words import QuantityState as QuantityState
+from .image_memory import ImageMemory as ImageMemory
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
 from .judging import missed_limits as missed_limits
@@ -17,9 +18,12 @@ from .ports import Line as Line
 from .ports import Observer as Observer
 from .ports import Store as Store
 from .positions import CalibrationInForce as CalibrationInForce
+from .positions import Failure as Failure
+from .positions import MeasuredWith as MeasuredWith
 from .positions import MeasureFunction as MeasureFunction
 from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
+from .positions import corrected_and_judged as corrected_and_judged
 from .positions import utc_now as utc_now
 from .series import SeriesChoice as SeriesChoice
 from .verdict import Status as Status

@@ -135,6 +135,31 @@ ABORTED = Failure(
 
 
 @dataclass(frozen=True, eq=False)
+class MeasuredWith:
+    """What a wheel was measured with, beside its images: the same gives the same result.
+
+    Attributes
+    ----------
+    in_force
+        The calibration.
+    settings
+        Of the measurement.
+    needs_place
+        Whether a wheel without a place is refused.
+    zero
+        The zero measurement that corrects; None where there is none.
+    rules
+        Of the series; None of a single exposure.
+    """
+
+    in_force: CalibrationInForce
+    settings: MeasureSettings
+    needs_place: bool
+    zero: ZeroRecord | None
+    rules: SeriesRules | None
+
+
+@dataclass(frozen=True, eq=False)
 class WheelResult:
     """What came of one wheel in one cycle: a measurement, or why there is none.
 
@@ -160,6 +185,10 @@ class WheelResult:
         Follows the spin axis from single exposures after the series; None of a single exposure.
     retaken
         Why its cameras were armed, or its images taken, a second time; None where they were not.
+    exposures
+        All exposures of a series; None of a single one, and where they were not kept.
+    measured_with
+        Everything else that it was measured with; None where there are no images.
     """
 
     wheel: str
@@ -176,10 +205,12 @@ class WheelResult:
     spin: SpinMeasurement | None = None
     live: LiveSpin | None = None
     retaken: str | None = None
+    exposures: tuple[WheelShot, ...] | None = None
+    measured_with: MeasuredWith | None = None
 
     def without_images(self) -> WheelResult:
         """Return the same, to be kept."""
-        return replace(self, shot=None, live=None)
+        return replace(self, shot=None, live=None, exposures=None)
 
 
 class PositionError(TruewheelError):
@@ -298,7 +329,7 @@ class WheelPosition:
         found = self._measure(shot.images, self._known_rig, self._settings)
         if live is not None and isinstance(found, WheelMeasurement):
             found = _live(live, found, shot)
-        return self._result(found, shot, self.clock() - started, zeros)
+        return self._result(found, shot, self.clock() - started, zeros, None)
 
     def run_series(
         self,
@@ -326,9 +357,9 @@ class WheelPosition:
         found = taken.found
         spin = found.spin if isinstance(found, SeriesMeasurement) else None
         wheel = found.wheel if isinstance(found, SeriesMeasurement) else found
-        result = self._result(wheel, taken.shot, taken.duration_s, zeros)
-        measured = result.measurement is not None
-        return replace(result, spin=spin if measured else None, live=taken.live if measured else None)
+        result = self._result(wheel, taken.shot, taken.duration_s, zeros, plan.rules)
+        result = replace(result, exposures=taken.exposures)
+        return result if result.measurement is None else replace(result, spin=spin, live=taken.live)
 
     def series(self, rules: SeriesRules) -> SeriesUnderWay:
         """Begin a series of exposures."""
@@ -386,11 +417,11 @@ class WheelPosition:
         shot: WheelShot,
         duration_s: float,
         zeros: Sequence[ZeroRecord],
+        rules: SeriesRules | None,
     ) -> WheelResult:
         zero = self._zero(zeros)
-        if zero is not None and isinstance(found, WheelMeasurement):
-            found = correction_of(zero, self.side).corrected(found)
-        measurement, failure = self._judged(found)
+        basis = MeasuredWith(self.in_force, self._settings, self._needs_place, zero, rules)
+        measurement, failure = corrected_and_judged(found, self.name, self.side, zero, self._needs_place)
         if measurement is not None and (why := self._stopped(shot, measurement)) is not None:
             measurement, failure = None, fault(ErrorCode.CAMERA_FAULT, f"{self.name}: {why}")
         return WheelResult(
@@ -408,49 +439,65 @@ class WheelPosition:
             axis=None
             if measurement is None or measurement.reference is None
             else WheelAxis.of(measurement, measurement.reference, self.in_force.calibration),
+            measured_with=basis,
         )
 
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:
         own = self.name, self.in_force.calibration.id
         return next((zero for zero in zeros if (zero.rig, zero.calibration_id) == own), None)
 
-    def _judged(self, found: WheelMeasurement | Refusal) -> tuple[WheelMeasurement | None, Failure | None]:
-        if isinstance(found, Refusal):
-            return None, Failure(
-                WheelOutcome.REFUSED,
-                ErrorCode.MEASUREMENT_REFUSED,
-                str(found.code),
-                f"{self.name}: {found.reason}",
-            )
-        uncertainties = found.camber_u, found.toe_u
-        finite = all(map(math.isfinite, (found.camber, found.toe, *uncertainties)))
-        if not finite or min(uncertainties) <= 0:
-            return None, fault(
-                ErrorCode.INTERNAL_FAULT,
-                f"{self.name}: expected finite angles with uncertainties above 0 from the measurement, "
-                f"found camber {found.camber}, toe {found.toe}, uncertainties {listed(uncertainties)}; "
-                "report this as a defect",
-            )
-        expanded = found.coverage_factor * max(uncertainties)
-        if expanded > LARGEST_UNCERTAINTY:
-            return None, Failure(
-                WheelOutcome.REFUSED,
-                ErrorCode.MEASUREMENT_REFUSED,
-                "too_uncertain",
-                f"{self.name}: expected an expanded uncertainty of at most "
-                f"{math.degrees(LARGEST_UNCERTAINTY):g}°, found {math.degrees(expanded):.2f}°; clean the "
-                "tyre and the windows of the heads, and check the calibration",
-            )
-        if self._needs_place and found.reference is None:
-            return None, Failure(
-                WheelOutcome.REFUSED,
-                ErrorCode.MEASUREMENT_REFUSED,
-                "no_place",
-                f"{self.name}: expected to see the outermost ring of the sidewall, which gives the wheel its "
-                f"place in the vehicle, found none by '{found.method}'; check that the heads see the widest "
-                "part of the tyre, and that measure.method is 'revolution'",
-            )
-        return found, None
+
+def corrected_and_judged(
+    found: WheelMeasurement | Refusal, wheel: str, side: Side, zero: ZeroRecord | None, needs_place: bool
+) -> tuple[WheelMeasurement | None, Failure | None]:
+    """Return what counts of a wheel that was measured, or why nothing does.
+
+    Parameters
+    ----------
+    found
+        By the measurement.
+    wheel, side
+        Of the vehicle.
+    zero
+        Corrects it; None where there is none.
+    needs_place
+        Whether a wheel without a place is refused.
+    """
+    if isinstance(found, Refusal):
+        return None, _refused(wheel, str(found.code), found.reason)
+    if zero is not None:
+        found = correction_of(zero, side).corrected(found)
+    uncertainties = found.camber_u, found.toe_u
+    finite = all(map(math.isfinite, (found.camber, found.toe, *uncertainties)))
+    if not finite or min(uncertainties) <= 0:
+        return None, fault(
+            ErrorCode.INTERNAL_FAULT,
+            f"{wheel}: expected finite angles with uncertainties above 0 from the measurement, "
+            f"found camber {found.camber}, toe {found.toe}, uncertainties {listed(uncertainties)}; "
+            "report this as a defect",
+        )
+    expanded = found.coverage_factor * max(uncertainties)
+    if expanded > LARGEST_UNCERTAINTY:
+        return None, _refused(
+            wheel,
+            "too_uncertain",
+            f"expected an expanded uncertainty of at most {math.degrees(LARGEST_UNCERTAINTY):g}°, found "
+            f"{math.degrees(expanded):.2f}°; clean the tyre and the windows of the heads, and check the "
+            "calibration",
+        )
+    if needs_place and found.reference is None:
+        return None, _refused(
+            wheel,
+            "no_place",
+            "expected to see the outermost ring of the sidewall, which gives the wheel its place in the "
+            f"vehicle, found none by '{found.method}'; check that the heads see the widest part of the tyre, "
+            "and that measure.method is 'revolution'",
+        )
+    return found, None
+
+
+def _refused(wheel: str, code: str, why: str) -> Failure:
+    return Failure(WheelOutcome.REFUSED, ErrorCode.MEASUREMENT_REFUSED, code, f"{wheel}: {why}")
 
 
 def result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:

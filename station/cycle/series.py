@@ -12,15 +12,16 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from concurrent.futures import TimeoutError as LateError
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from alignment.errors import TruewheelError
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
 from alignment.values import Refusal, Side
 from alignment.wheel import LEAST_TURN, LiveSpin, SeriesRules
-from sensors.shot import WheelShot
+from sensors.shot import SeriesPlace, WheelShot
 from station.configuration import Measured, VehicleType
+from station.cycle.image_memory import ImageMemory
 from station.cycle.words import ErrorCode
 from station.threads import Worker, WorkerError
 
@@ -67,27 +68,31 @@ class SeriesChoice:
         How many, and the least turn from the first to the last, radians.
     interval_s
         From one exposure to the next, seconds.
+    memory
+        Where exposures are kept until they are archived; None where they are not.
     """
 
     measure: Measured = "tyre_plane"
     exposures: int = 16
     least_turn: float = LEAST_TURN
     interval_s: float = 0.25
+    memory: ImageMemory | None = field(default=None, compare=False)
 
     def plan(self, kind: VehicleType | None) -> SeriesPlan | None:
         """Return the series of a vehicle of this type; None where single exposures are measured."""
         if kind is None or (kind.measure or self.measure) != "spin_axis":
             return None
         turn = self.least_turn if kind.least_turn_deg is None else math.radians(kind.least_turn_deg)
-        return SeriesPlan(SeriesRules(kind.exposures or self.exposures, turn), self.interval_s)
+        return SeriesPlan(SeriesRules(kind.exposures or self.exposures, turn), self.interval_s, self.memory)
 
 
 @dataclass(frozen=True)
 class SeriesPlan:
-    """What a series must be, and the time from one exposure to the next, seconds."""
+    """What a series must be, the time from one exposure to the next, seconds, and where they are kept."""
 
     rules: SeriesRules
     interval_s: float
+    memory: ImageMemory | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +109,37 @@ class TakenSeries:
         From the last exposure to the result.
     live
         Follows the axis from single exposures; None where there is no axis.
+    exposures
+        All that were taken, in their order; None where they were not kept.
     """
 
     found: SeriesMeasurement | Refusal
     shot: WheelShot
     duration_s: float
     live: LiveSpin | None
+    exposures: tuple[WheelShot, ...] | None = None
+
+
+class _Kept:
+    """The exposures of a series so far: all of them, or none when one found no room."""
+
+    def __init__(self, plan: SeriesPlan) -> None:
+        self._exposures, self._memory = plan.rules.exposures, plan.memory
+        self._shots: list[WheelShot] = []
+
+    def take(self, number: int, shot: WheelShot) -> None:
+        if self._memory is None:
+            return
+        placed = replace(shot, series=SeriesPlace(number, self._exposures))
+        if self._memory.take(placed):
+            self._shots.append(placed)
+        else:
+            self._memory = None
+            self._shots.clear()
+
+    @property
+    def shots(self) -> tuple[WheelShot, ...] | None:
+        return None if self._memory is None else tuple(self._shots)
 
 
 class SeriesError(TruewheelError):
@@ -148,6 +178,7 @@ def take_series(
     series = position.series(plan.rules)
     waiting: deque[Future[Refusal | None]] = deque()
     shots: deque[WheelShot] = deque(maxlen=1)
+    kept = _Kept(plan)
     began_s = taken_s = position.clock()
     times: list[float] = []
 
@@ -156,7 +187,7 @@ def take_series(
         while len(waiting) > most_left or (waiting and waiting[0].done()):
             refusal = _measured(waiting.popleft(), position, bound_s)
             if refusal is not None:
-                return TakenSeries(refusal, shots[-1], position.clock() - taken_s, None)
+                return TakenSeries(refusal, shots[-1], position.clock() - taken_s, None, kept.shots)
         return None
 
     for number in range(1, plan.rules.exposures + 1):
@@ -173,6 +204,7 @@ def take_series(
             raise
         taken_s = position.clock()
         shots.append(shot)
+        kept.take(number, shot)
         times.append(shot.frames[0].device_time_s)
         try:
             waiting.append(worker.submit(series.take, shot.number, shot.images))
@@ -184,7 +216,7 @@ def take_series(
     live = None
     if isinstance(found, SeriesMeasurement):
         live = LiveSpin(found.spin, series.last, _rate(found, times), position.side)
-    return TakenSeries(found, shots[-1], position.clock() - taken_s, live)
+    return TakenSeries(found, shots[-1], position.clock() - taken_s, live, kept.shots)
 
 
 def _measured(future: Future[Refusal | None], position: WheelOnRollers, bound_s: float) -> Refusal | None:

@@ -29,6 +29,7 @@ from station.cycle import (
     CommonFrame,
     ErrorCode,
     Identity,
+    ImageMemory,
     MeasuringCycle,
     Mode,
     Observer,
@@ -199,7 +200,9 @@ def series_choice(settings: StationConfig) -> SeriesChoice:
     """Return what a station says of series of exposures."""
     cycle = settings.cycle
     turn = math.radians(cycle.least_turn_deg)
-    return SeriesChoice(cycle.measure, cycle.exposures, turn, cycle.exposure_interval_s)
+    kept = settings.archive
+    memory = None if kept is None else ImageMemory(round(1e6 * kept.series_mb))
+    return SeriesChoice(cycle.measure, cycle.exposures, turn, cycle.exposure_interval_s, memory)
 
 
 def _archiving(archive: ImageArchive | None, observer: Observer) -> Observer:

@@ -1,5 +1,10 @@
 from .archive import ArchivingObserver as ArchivingObserver
 from .archive import ImageArchive as ImageArchive
+from .archived import ZERO_FIELDS as ZERO_FIELDS
+from .archived import found_of as found_of
+from .keeping import Keeping as Keeping
+from .libraries import CODE as CODE
+from .libraries import environment as environment
 from .opening import StationStore as StationStore
 from .opening import archive_policy as archive_policy
 from .opening import describe_station as describe_station

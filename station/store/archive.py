@@ -8,20 +8,21 @@ import queue
 import shutil
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Literal, Self
+from typing import Self
 from uuid import UUID
 
 from alignment.errors import LineError, StoreUnavailableError, TruewheelError
-from db.records import ArchivedShotRecord, CycleRecord, RetentionClass, Verdict, WheelOutcome
+from db.records import ArchivedShotRecord, CycleRecord, RetentionClass
 from db.store import ResultStore
 from db.upkeep import Policy, enforce
-from sensors.formats import write_shot
-from sensors.shot import WheelShot
+from station.configuration import VehicleType
 from station.cycle import CycleReport, Observer, StationState, WheelResult, utc_now
+from station.store.archived import write_wheel
+from station.store.keeping import Keeping
 from station.threads import SupervisedThread
 
 _LOG = logging.getLogger("truewheel.archive")
@@ -33,7 +34,7 @@ _LOOK_S = 0.05
 @dataclass(frozen=True)
 class _Job:
     record: CycleRecord
-    shots: tuple[WheelShot, ...]
+    wheels: tuple[tuple[WheelResult, RetentionClass], ...]
 
 
 class ImageArchive:
@@ -50,14 +51,16 @@ class ImageArchive:
         Of the archive.
     policy
         How much is kept.
-    keep
-        All images, or only those of wheels that were not OK.
+    keeping
+        Which images are kept.
     note
         Told in a sentence when images are not archived, and of which cycle where it is of one.
     now
         Aware UTC time.
     closing_s
         Longest wait for what is being written at the end.
+    kinds
+        The vehicle types, by their names.
     """
 
     def __init__(
@@ -65,13 +68,15 @@ class ImageArchive:
         store: ResultStore,
         folder: Path,
         policy: Policy,
-        keep: Literal["all", "evidence"],
+        keeping: Keeping,
         note: Callable[[str, UUID | None], object],
         now: Callable[[], datetime] = utc_now,
         closing_s: float = 10.0,
+        kinds: Mapping[str, VehicleType] | None = None,
     ) -> None:
         self._store, self._folder, self._policy = store, folder, policy
-        self._keep, self._note, self._now = keep, note, now
+        self._keeping, self._note, self._now = keeping, note, now
+        self._kinds = kinds or {}
         self._closing_s = closing_s
         self._waiting: queue.Queue[_Job] = queue.Queue(_MOST_WAITING)
         self._refused: queue.SimpleQueue[UUID] = queue.SimpleQueue()
@@ -101,12 +106,13 @@ class ImageArchive:
             self.thread.stopping.wait(_LOOK_S / 5)
         return not self._waiting.unfinished_tasks
 
-    def offer(self, record: CycleRecord, shots: Sequence[WheelShot]) -> None:
-        """Take the images of a committed cycle; returns at once."""
+    def offer(self, record: CycleRecord, wheels: Sequence[WheelResult]) -> None:
+        """Take the wheels of a committed cycle with their images; returns at once."""
+        classes = self._keeping.of(record)
         kept = tuple(
-            shot
-            for shot in shots
-            if self._keep == "all" or self._class(record, shot) is RetentionClass.EVIDENCE
+            (wheel, classes[wheel.wheel])
+            for wheel in wheels
+            if wheel.shot is not None and wheel.measured_with is not None and wheel.wheel in classes
         )
         if not kept:
             return
@@ -123,8 +129,9 @@ class ImageArchive:
         except queue.Empty:
             return
         try:
-            for shot in job.shots:
-                self._write(job.record, shot)
+            for wheel, retention in job.wheels:
+                self._write(job.record, wheel, retention)
+            self._tell_incomplete(job)
             enforce(self._store, self._folder, self._policy, self._now())
         except (TruewheelError, OSError) as error:
             self._lost(job, str(error))
@@ -150,17 +157,28 @@ class ImageArchive:
             text = f"images of {cycles} are not archived: the disk is too slow"
             self._note(text, None if refused[1:] else refused[0])
 
-    def _write(self, record: CycleRecord, shot: WheelShot) -> None:
-        path = Path(f"{record.received_utc:%Y-%m-%d}") / f"{record.uuid}-{shot.rig}"
+    def _tell_incomplete(self, job: _Job) -> None:
+        """Tell of series of which the exposures found no room in memory; their last one is archived."""
+        rules = ((w.wheel, w.measured_with, w.exposures) for w, _ in job.wheels)
+        short = [name for name, known, kept in rules if known and known.rules is not None and kept is None]
+        if short:
+            text = f"images of cycle {job.record.uuid} are not archived but for the last exposure of "
+            text += f"{', '.join(short)}: no memory was left for the others. Allow more series_mb"
+            self._note(text, job.record.uuid)
+
+    def _write(self, record: CycleRecord, wheel: WheelResult, retention: RetentionClass) -> None:
+        path = Path(f"{record.received_utc:%Y-%m-%d}") / f"{record.uuid}-{wheel.wheel}"
         folder = self._folder / path
         folder.parent.mkdir(parents=True, exist_ok=True)
         mine = not folder.exists()
+        kind = None if record.vehicle is None else self._kinds.get(record.vehicle.vehicle_type)
         try:
-            write_shot(folder, shot)
-            size = sum(file.stat().st_size for file in folder.iterdir())
-            retention = self._class(record, shot)
+            digest = write_wheel(folder, record, wheel, kind)
+            size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
             self._store.record_shot(
-                ArchivedShotRecord(record.uuid, shot.rig, path.as_posix(), size, self._now(), retention)
+                ArchivedShotRecord(
+                    record.uuid, wheel.wheel, path.as_posix(), size, self._now(), retention, digest
+                )
             )
         except StoreUnavailableError:
             # The record may have been stored all the same, and promises them.
@@ -170,16 +188,6 @@ class ImageArchive:
             if mine:
                 shutil.rmtree(folder, ignore_errors=True)
             raise
-
-    @staticmethod
-    def _class(record: CycleRecord, shot: WheelShot) -> RetentionClass:
-        good = any(
-            wheel.wheel == shot.rig
-            and wheel.outcome is WheelOutcome.MEASURED
-            and wheel.verdict is not Verdict.NOK
-            for wheel in record.wheels
-        )
-        return RetentionClass.ORDINARY if good else RetentionClass.EVIDENCE
 
 
 class ArchivingObserver(Observer):
@@ -199,6 +207,6 @@ class ArchivingObserver(Observer):
     def cycle_done(self, report: CycleReport) -> None:
         """Pass on, and keep the images that the stored results were measured in."""
         if report.committed_s is not None:
-            shots = (wheel.result.shot for wheel in report.evaluation.wheels)
-            self._archive.offer(report.record, [shot for shot in shots if shot is not None])
+            results = (wheel.result for wheel in report.evaluation.wheels)
+            self._archive.offer(report.record, [each for each in results if each.shot is not None])
         self._observer.cycle_done(report)

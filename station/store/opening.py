@@ -16,6 +16,7 @@ from db.upkeep import BackgroundWork, Policy, Shipper, StoreHealth
 from station.configuration import ArchiveSettings, Configuration, LengthTolerance, Tolerance, VehicleType
 from station.cycle import WheelPosition
 from station.store.archive import ImageArchive
+from station.store.keeping import Keeping
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,14 @@ def open_archive(configuration: Configuration, store: StationStore) -> ImageArch
         store.background.note(Severity.WARNING, "images_not_archived", text, cycle)
 
     folder = configuration.path(settings.folder)
-    return ImageArchive(store.results, folder, archive_policy(settings), settings.keep, note)
+    return ImageArchive(
+        store.results,
+        folder,
+        archive_policy(settings),
+        Keeping(settings.keep, settings.every),
+        note,
+        kinds={kind.name: kind for kind in configuration.vehicle_types.values()},
+    )
 
 
 def archive_policy(settings: ArchiveSettings) -> Policy:

@@ -15,6 +15,7 @@ from db.connection.revisions import _revisions, current_revision, head_revision,
 from db.records import ArchiveRemoval, CycleRecord, EventRecord, Severity, WheelKind
 from db.rows import write_record
 from db.schema import (
+    archived_shots,
     axle_results,
     calibration_checks,
     calibrations,
@@ -84,16 +85,10 @@ def fill(url: str, revision: str) -> None:
             connection.execute(zero_revocations.insert().values(**given(revocation()), **stored))
         if revision >= "0004":
             planned, kept = study(), shot(RECORDS[0].uuid)
-            for item in (
-                station(),
-                limits(),
-                installation(),
-                planned,
-                study_value(planned.uuid),
-                kept,
-                ArchiveRemoval(kept.uuid, NOON, "the ring is full"),
-            ):
+            for item in (station(), limits(), installation(), planned, study_value(planned.uuid)):
                 write_record(connection, item, NOON)
+            connection.execute(archived_shots.insert().values(cycle_id=1, **given(kept), **stored))
+            write_record(connection, ArchiveRemoval(kept.uuid, NOON, "the ring is full"), NOON)
         if connection.dialect.name == "postgresql":
             for table in ("vehicles", "cycles"):
                 newest = f"(SELECT max(id) FROM {table})"
@@ -108,12 +103,13 @@ def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revis
     assert current_revision(empty_database_url) == revision
     assert migrate(empty_database_url) == head_revision()
     with ResultStore(empty_database_url) as store:
-        # A wheel says of what its angles are since; the method told it.
+        # A wheel says of what its angles are since 0011; the method told it.
+        told = revision < "0011"
         upgraded = [
             replace(
                 record,
                 wheels=tuple(
-                    replace(wheel, kind=None if wheel.method is None else WheelKind.TYRE_PLANE)
+                    replace(wheel, kind=WheelKind.TYRE_PLANE if told and wheel.method else wheel.kind)
                     for wheel in record.wheels
                 ),
             )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from alignment.errors import StoreUnavailableError
+from alignment.values import MeasureSettings
 from db.queries import ResultReader, vin_history
 from db.records import ArchivedShotRecord, CycleRecord, RetentionClass, Verdict
 from db.store import ResultStore
@@ -22,12 +23,15 @@ from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
 from station.cycle.judging import Evaluation, JudgedWheel
 from station.cycle.ports import CycleReport, Observer
-from station.cycle.positions import WheelResult
+from station.cycle.positions import CalibrationInForce, MeasuredWith, WheelResult
 from station.cycle.verdict import Angle
 from station.cycle.words import Trigger
 from station.store.archive import ArchivingObserver, ImageArchive
+from station.store.keeping import Keeping
 from tests.db.databases import new_database
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
+from tests.sensors.samples import calibration as sample_calibration
+from tests.station.bench import measurement
 
 WIDE = Policy(10**9, 30.0, 300.0)
 
@@ -63,6 +67,18 @@ def shot_of(record: CycleRecord, name: str = "front_left") -> WheelShot:
     return WheelShot(name, time, (HeadFrames("head_1", *frames),))
 
 
+def wheel_of(record: CycleRecord, name: str = "front_left", shot: WheelShot | None = None) -> WheelResult:
+    """A wheel as the cycle hands it over: its images, what it was measured with, what was found."""
+    known = replace(sample_calibration(heads=("head_1",)), rig=name)
+    document = {"id": known.id, "rig": name}
+    basis = MeasuredWith(
+        CalibrationInForce(known, NOON, 365.0, document), MeasureSettings(), False, None, None
+    )
+    return WheelResult(
+        name, known.id, True, measurement(), None, shot=shot or shot_of(record, name), measured_with=basis
+    )
+
+
 def stored(store: ResultStore, *, bad: bool = False, **changes: object) -> CycleRecord:
     record = cycle(**changes)
     if bad:
@@ -77,8 +93,8 @@ def test_archived_images_read_back_and_are_named_by_the_vehicle(
 ) -> None:
     record = stored(store)
     shot = shot_of(record)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
-        archive.offer(record, [shot])
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda: NOON) as archive:
+        archive.offer(record, [wheel_of(record, shot=shot)])
     with ResultReader(url) as reader:
         (found,) = vin_history(reader, "TRUEWHEEL00000001").shots
     assert found.removal is None
@@ -90,9 +106,11 @@ def test_archived_images_read_back_and_are_named_by_the_vehicle(
 
 def test_only_evidence_is_kept_when_that_is_asked(tmp_path: Path, store: ResultStore) -> None:
     good, bad = stored(store), stored(store, bad=True)
-    with ImageArchive(store, tmp_path / "images", WIDE, "evidence", pytest.fail, lambda: NOON) as archive:
-        archive.offer(good, [shot_of(good)])
-        archive.offer(bad, [shot_of(bad)])
+    with ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("evidence"), pytest.fail, lambda: NOON
+    ) as archive:
+        archive.offer(good, [wheel_of(good)])
+        archive.offer(bad, [wheel_of(bad)])
     (folder,) = (tmp_path / "images").glob("*/*")
     assert folder.name == f"{bad.uuid}-front_left"
 
@@ -102,9 +120,9 @@ def fill(tmp_path: Path, store: ResultStore, times: list[tuple[datetime, bool]])
     for time, bad in times:
         record = stored(store, bad=bad)
         with ImageArchive(
-            store, tmp_path / "images", WIDE, "all", pytest.fail, lambda time=time: time
+            store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda time=time: time
         ) as archive:
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
         records.append(record)
     return records
 
@@ -166,13 +184,13 @@ def test_a_disk_that_is_too_slow_or_full_loses_images_and_says_so(
         full.wait(60)
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("station.store.archive.write_shot", slow)
+    monkeypatch.setattr("station.store.archive.write_wheel", slow)
     record = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON) as archive:
-        archive.offer(record, [shot_of(record)])
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), into(said), lambda: NOON) as archive:
+        archive.offer(record, [wheel_of(record)])
         going.wait(60)
         for _ in range(6):
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
         full.set()
     slow_ones = f"images of cycle {record.uuid} and 1 more are not archived: the disk is too slow"
     assert sorted(said) == sorted(
@@ -184,7 +202,7 @@ def test_a_disk_that_is_too_slow_or_full_loses_images_and_says_so(
 @pytest.mark.parametrize(
     "error", [MemoryError("no room"), KeyError("x"), UnicodeError("bad"), ValueError("a name with NUL")]
 )
-@pytest.mark.parametrize("place", ["write_shot", "enforce"])
+@pytest.mark.parametrize("place", ["write_wheel", "enforce"])
 def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
     tmp_path: Path, store: ResultStore, monkeypatch: pytest.MonkeyPatch, error: Exception, place: str
 ) -> None:
@@ -195,13 +213,13 @@ def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
 
     said: list[str] = []
     first, *others = [stored(store) for _ in range(6)]
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON) as archive:
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), into(said), lambda: NOON) as archive:
         with monkeypatch.context() as patched:
             patched.setattr(f"station.store.archive.{place}", fail)
-            archive.offer(first, [shot_of(first)])
+            archive.offer(first, [wheel_of(first)])
             archive.wait()
         for record in others:
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
             archive.wait()
         assert (archive.thread.alive, archive.thread.failures) == (True, 1)
         assert archive.thread.last_error == f"{type(error).__name__}: {error}"
@@ -211,9 +229,11 @@ def test_whatever_befalls_one_cycles_images_the_next_ones_are_archived(
 
 def test_images_that_come_twice_do_not_cost_the_first_ones(tmp_path: Path, store: ResultStore) -> None:
     record = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", lambda _: None, lambda: NOON) as archive:
+    with ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), lambda _: None, lambda: NOON
+    ) as archive:
         for _ in range(2):
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
     assert left(tmp_path) == {str(record.uuid)}
     assert list((tmp_path / "images").glob("*/*/shot.json"))
 
@@ -223,15 +243,17 @@ def test_what_was_half_written_leaves_the_disk(
 ) -> None:
     """It filled the disk: no record counted it, so nothing ever removed it."""
 
-    def half(folder: Path, shot: WheelShot) -> None:
+    def half(folder: Path, *_: object) -> str:
         folder.mkdir()
         (folder / "left.png").write_bytes(bytes(1000))
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("station.store.archive.write_shot", half)
+    monkeypatch.setattr("station.store.archive.write_wheel", half)
     record = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", lambda _: None, lambda: NOON) as archive:
-        archive.offer(record, [shot_of(record)])
+    with ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), lambda _: None, lambda: NOON
+    ) as archive:
+        archive.offer(record, [wheel_of(record)])
     assert left(tmp_path) == set()
 
 
@@ -243,8 +265,10 @@ def test_images_whose_record_may_have_been_stored_stay(
 
     monkeypatch.setattr(store, "record_shot", outlasts)
     record = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", lambda _: None, lambda: NOON) as archive:
-        archive.offer(record, [shot_of(record)])
+    with ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), lambda _: None, lambda: NOON
+    ) as archive:
+        archive.offer(record, [wheel_of(record)])
     assert left(tmp_path) == {str(record.uuid)}
 
 
@@ -257,13 +281,15 @@ def test_disk_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
         going.set()
         gate.wait(60)
 
-    monkeypatch.setattr("station.store.archive.write_shot", hang)
+    monkeypatch.setattr("station.store.archive.write_wheel", hang)
     record = stored(store)
-    archive = ImageArchive(store, tmp_path / "images", WIDE, "all", into(said), lambda: NOON, closing_s=0.1)
+    archive = ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), into(said), lambda: NOON, closing_s=0.1
+    )
 
     def live() -> None:
         with archive:
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
             going.wait(60)
 
     station = threading.Thread(target=live)
@@ -280,8 +306,8 @@ class Offered:
     def __init__(self) -> None:
         self.rigs: list[list[str]] = []
 
-    def offer(self, record: CycleRecord, shots: list[WheelShot]) -> None:
-        self.rigs.append([shot.rig for shot in shots])
+    def offer(self, record: CycleRecord, wheels: list[WheelResult]) -> None:
+        self.rigs.append([wheel.wheel for wheel in wheels])
 
 
 @pytest.mark.parametrize("committed_s", [None, 5.0])
@@ -305,8 +331,8 @@ def test_images_of_a_wheel_that_was_not_good_are_evidence(
     tmp_path: Path, url: str, store: ResultStore, bad: bool
 ) -> None:
     record = stored(store, bad=bad)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
-        archive.offer(record, [shot_of(record)])
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda: NOON) as archive:
+        archive.offer(record, [wheel_of(record)])
     with ResultReader(url) as reader:
         (found,) = vin_history(reader, "TRUEWHEEL00000001").shots
     assert found.record.retention is (RetentionClass.EVIDENCE if bad else RetentionClass.ORDINARY)
@@ -315,17 +341,17 @@ def test_images_of_a_wheel_that_was_not_good_are_evidence(
 def test_the_archive_makes_room_by_itself(tmp_path: Path, store: ResultStore) -> None:
     """An archive that wrote and never looked at its size filled the disk."""
     first = stored(store)
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
-        archive.offer(first, [shot_of(first)])
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda: NOON) as archive:
+        archive.offer(first, [wheel_of(first)])
     size = kept(store).bytes
     policy = replace(WIDE, most_bytes=2 * size + size // 2)
     records = [stored(store) for _ in range(4)]
     for number, record in enumerate(records):
         now = NOON + timedelta(seconds=number + 1)
         with ImageArchive(
-            store, tmp_path / "images", policy, "all", pytest.fail, lambda now=now: now
+            store, tmp_path / "images", policy, Keeping("all"), pytest.fail, lambda now=now: now
         ) as archive:
-            archive.offer(record, [shot_of(record)])
+            archive.offer(record, [wheel_of(record)])
         assert kept(store).bytes <= policy.most_bytes
     assert left(tmp_path) == {str(record.uuid) for record in records[-2:]}
 
@@ -357,7 +383,7 @@ def test_images_are_those_of_the_results_and_never_matched_by_their_times(
     """A shot was left with its rig and found by its time, which a clock that is set back gives twice."""
     record = stored(store)
     mine = replace(shot_of(record), time_utc=NOON - timedelta(days=1))
-    with ImageArchive(store, tmp_path / "images", WIDE, "all", pytest.fail, lambda: NOON) as archive:
+    with ImageArchive(store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda: NOON) as archive:
         observer = ArchivingObserver(Observer(), archive)
         observer.cycle_done(report(cycle(), None, {"front_right": shot_of(record, "front_right")}))
         observer.cycle_done(report(record, 1.0, {"front_left": mine, "front_right": None}))
@@ -367,7 +393,10 @@ def test_images_are_those_of_the_results_and_never_matched_by_their_times(
 def report(
     record: CycleRecord, committed_s: float | None, shots: Mapping[str, WheelShot | None]
 ) -> CycleReport:
-    results = [WheelResult(name, "c", True, None, None, shot=shot) for name, shot in shots.items()]
+    results = [
+        WheelResult(name, "c", True, None, None) if shot is None else wheel_of(record, name, shot)
+        for name, shot in shots.items()
+    ]
     wheels = tuple(JudgedWheel(result, None, Angle("camber", None), Angle("toe", None)) for result in results)
     evaluation = Evaluation(wheels, (), None, guard_band=True, coverage_factor=2.0)
     trigger = Trigger(1, tuple(shots), 1, "V", 0.0)

@@ -1,0 +1,5 @@
+"""Archived images measured again, and compared with what was stored of them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
