@@ -22,6 +22,7 @@ from .gauge_frame import GaugeFrameFile as GaugeFrameFile
 from .gauge_frame import read_gauge_frame as read_gauge_frame
 from .images import read_image as read_image
 from .images import write_image as write_image
+from .pattern_plate import PatternPlateFile as PatternPlateFile
 from .plate import PlateDescription as PlateDescription
 from .plate import PlateFile as PlateFile
 from .plate import describe_plate as describe_plate

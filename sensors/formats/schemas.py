@@ -7,6 +7,7 @@ from pydantic import BaseModel
 from sensors.formats.calibration import CalibrationFile
 from sensors.formats.calibration_input import CalibrationInputFile
 from sensors.formats.gauge_frame import GaugeFrameFile
+from sensors.formats.pattern_plate import PatternPlateFile
 from sensors.formats.plate import PlateFile
 from sensors.formats.plate_session import PlateSessionFile
 from sensors.formats.plate_truth import PlateTruthFile
@@ -20,6 +21,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "calibration-input": CalibrationInputFile,
     "truth": TruthFile,
     "plate": PlateFile,
+    "pattern-plate": PatternPlateFile,
     "plate-session": PlateSessionFile,
     "gauge-frame": GaugeFrameFile,
     "plate-truth": PlateTruthFile,

@@ -1,6 +1,7 @@
 from .deformation import Wobble as Wobble
 from .optics import Optics as Optics
 from .optics import develop as develop
+from .plate_session import SHIFT_MM as SHIFT_MM
 from .plate_session import TILT as TILT
 from .plate_session import PlatePosition as PlatePosition
 from .plate_session import PlateSessionSpec as PlateSessionSpec

@@ -23,6 +23,8 @@ from sensors.simulation.plate import PlateLight, PlateLook, plate_image
 from sensors.simulation.render import SIMULATED_TIME
 
 TILT = math.radians(10.0)
+SHIFT_MM = 7.5
+"""Half the pitch of our own plates."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,23 @@ class PlatePosition:
         return self.rig_from_plate is None and not any(self.tilt)
 
 
-def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, ...]:
+def plate_positions(
+    count: int = 7, tilt: float = TILT, shift_mm: float = SHIFT_MM
+) -> tuple[PlatePosition, ...]:
     """Return positions that make a strong calibration, the most important ones first; at most 9.
 
+    Parameters
+    ----------
+    count
+        How many.
+    tilt
+        Of the tilted ones, radians.
+    shift_mm
+        Along x and y, of the shifted ones. A plate that is smaller than a camera's field covers the field by
+        larger ones.
+
+    Notes
+    -----
     Height on the stage separates focal length from distance; shifts by half a pitch put other marks at other
     places of the image, so that errors of marks do not pass for distortion; tilted views scale depth by the
     plate itself, which is better known over its width than the stage is over its travel. With all errors on,
@@ -67,14 +83,15 @@ def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, 
     DegenerateInputError
         When `count` is not from 3 to 9.
     """
+    s = shift_mm
     every = (
         PlatePosition("z0"),
-        PlatePosition("z-30", (7.5, 7.5, -30.0)),
+        PlatePosition("z-30", (s, s, -30.0)),
         PlatePosition("z30", (0.0, 0.0, 30.0)),
         PlatePosition("tilted_1", tilt=(tilt, 0.0)),
         PlatePosition("tilted_2", tilt=(0.0, tilt)),
-        PlatePosition("z-15", (-7.5, 7.5, -15.0)),
-        PlatePosition("z15", (7.5, -7.5, 15.0)),
+        PlatePosition("z-15", (-s, s, -15.0)),
+        PlatePosition("z15", (s, -s, 15.0)),
         PlatePosition("tilted_3", tilt=(-tilt, 0.0)),
         PlatePosition("tilted_4", tilt=(0.0, -tilt)),
     )
