@@ -54,9 +54,10 @@ def scenarios(folder: Path) -> list[tuple[str, list[str]]]:
     runs = [("wheel_images", [*simulate, "--out", str(wheel)])]
     loaded = [*simulate, "--load-mm", "5", "--out", str(folder / "loaded")]
     runs.append(("deformed_wheel_images", loaded))
-    runs += [
-        ("plate_images", ["simulate", "plate-session", "--seed", "7", "--views", "4", "--out", str(plates)])
-    ]
+    session = ["simulate", "plate-session", "--seed", "7", "--views", "4"]
+    board = ["--plate", str(ROOT / "configs" / "plates" / "charuco.toml"), "--head", "head_1"]
+    runs.append(("plate_images", [*session, "--out", str(plates)]))
+    runs.append(("plate_images", [*session, *board, "--out", str(folder / "board")]))
     for method in ("heads-then-poses", "joint"):
         calibrate = ["calibrate", str(plates), "--out", str(calibration), "--method", method]
         runs.append(("calibrate", calibrate))

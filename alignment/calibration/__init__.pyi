@@ -69,6 +69,8 @@ from .refreshing import refresh as refresh
 from .refreshing import refresh_from as refresh_from
 from .row_equations import stepped as stepped
 from .row_equations import with_camera as with_camera
+from .stage_turns import StagedNumberings as StagedNumberings
+from .stage_turns import numbered_by_stage as numbered_by_stage
 from .start import Start as Start
 from .start import start_values as start_values
 from .tsai import calibrate_tsai as calibrate_tsai

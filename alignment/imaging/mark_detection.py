@@ -54,6 +54,16 @@ def exposure_of(image: Image) -> Exposure:
     )
 
 
+def require_image(image: Image) -> None:
+    """Raise DegenerateInputError when an image is not of one channel and 8 or 16 bit."""
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16) or min(image.shape) < 16:
+        raise DegenerateInputError(
+            field="image",
+            expected="one channel of 8 or 16 bit, at least 16 × 16 pixels",
+            seen=f"shape {image.shape}, {image.dtype}",
+        )
+
+
 def find_marks(
     image: Image,
     *,
@@ -85,12 +95,7 @@ def find_marks(
     DegenerateInputError
         When the image is not of one channel and 8 or 16 bit, or the radii are not in order.
     """
-    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16) or min(image.shape) < 16:
-        raise DegenerateInputError(
-            field="image",
-            expected="one channel of 8 or 16 bit, at least 16 × 16 pixels",
-            seen=f"shape {image.shape}, {image.dtype}",
-        )
+    require_image(image)
     if not 2.0 <= least_radius < largest_radius:
         raise DegenerateInputError(
             field="least_radius, largest_radius",

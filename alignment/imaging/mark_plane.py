@@ -90,6 +90,10 @@ class PlaneView:
             pixels: Array = self.middle + ideal * np.where(far > 0.0, bent / far, 1.0)[:, None]
         return pixels, shown
 
+    def unbent(self, pixels: Array) -> Array:
+        """Where a lens without distortion would show what pixels (N, 2) show."""
+        return _unbent(pixels, self.bend, self.middle, self.corner)
+
     def depths(self, plane: Array) -> Array:
         """Depth (N,) of points (N, 2) of the plane, up to a factor; the sign tells before from behind."""
         ideal_from_plane = np.linalg.inv(self.plane_from_ideal)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -115,6 +115,11 @@ class Marks:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def only(self, rows: Index) -> Marks:
+        """Return some of the marks."""
+        names = ("points", "covariance", "shape", "hollow", "blur", "contrast", "rough", "saturated")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     @property
     def semi_axes(self) -> Array:

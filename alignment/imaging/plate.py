@@ -8,11 +8,14 @@ import numpy as np
 
 from alignment.arrays import Array, Index, Mask
 from alignment.errors import DegenerateInputError
+from alignment.imaging.pattern import RING_MARKED, Pattern
 
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """Round marks of a plate in the plate's own frame: x along the columns, y along the rows, z = 0.
+    """Marks of a plate in the plate's own frame: x along the columns, y along the rows, z = 0.
+
+    Marks are round, or the corners of squares.
 
     Attributes
     ----------
@@ -23,11 +26,13 @@ class Plate:
     sigma_mm
         (M, 3) their standard uncertainties, millimetres.
     mark_radius_mm
-        Radius of every mark.
+        Radius of every mark; 0 for corners of squares.
     hollow
         (M,) True for ring marks, whose arrangement tells which part of the plate is seen.
     hollow_radius_mm
         Radius of the light centre of a ring mark; 0 where there are none.
+    pattern
+        What the marks are, and what tells which is which.
     """
 
     indices: Index
@@ -36,6 +41,7 @@ class Plate:
     mark_radius_mm: float
     hollow: Mask
     hollow_radius_mm: float
+    pattern: Pattern = RING_MARKED
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -56,12 +62,15 @@ class Plate:
                 expected="at least four marks, each with its own (column, row)",
                 seen=f"{count} marks, {len(np.unique(self.indices, axis=0))} different",
             )
-        if (self.sigma_mm < 0).any() or self.mark_radius_mm <= 0 or self.hollow_radius_mm < 0:
+        if (self.sigma_mm < 0).any() or not self._size_is_right() or self.hollow_radius_mm < 0:
             raise DegenerateInputError(
                 field="plate.sigma_mm, plate.mark_radius_mm",
-                expected="uncertainties of at least 0 and a positive radius",
+                expected="uncertainties of at least 0 and a positive radius, 0 for corners of squares",
                 seen=f"least uncertainty {self.sigma_mm.min()}, radius {self.mark_radius_mm}",
             )
+
+    def _size_is_right(self) -> bool:
+        return self.mark_radius_mm == 0 if self.pattern.has_squares else self.mark_radius_mm > 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass
 
@@ -16,47 +15,14 @@ from alignment.imaging.mark_grid import FEWEST_MARKS, Grid, walk_grid
 from alignment.imaging.mark_location import locate_marks
 from alignment.imaging.mark_plane import PlaneView, fit_grid_homography
 from alignment.imaging.marks import Marks
+from alignment.imaging.numbering import decided
+from alignment.imaging.pattern import PatternKind, place_table, rows_at
+from alignment.imaging.pattern_plates import number_marks
 from alignment.imaging.plate import MarkObservations, Plate
+from alignment.imaging.plate_refusal import PlateRefusal, PlateRefusalCode, bad_exposure, missing_marks
 from alignment.values import Image
 
-_BLURRED = 0.4  # blur over radius
-_FEWEST_OF_VISIBLE = 0.6
 _QUARTER = np.array([[0, -1], [1, 0]])
-
-
-class PlateRefusalCode(enum.StrEnum):
-    """Why the marks of an image are not those of the plate."""
-
-    NO_MARKS = "no_marks"
-    DARK = "dark"
-    SATURATED = "saturated"
-    BLURRED = "blurred"
-    NO_GRID = "no_grid"
-    ONE_ROW = "one_row"
-    NO_RING_MARKS = "no_ring_marks"
-    NOT_THIS_PLATE = "not_this_plate"
-    AMBIGUOUS = "ambiguous"
-    MIRRORED = "mirrored"
-    COVERED = "covered"
-
-
-@dataclass(frozen=True)
-class PlateRefusal:
-    """An image in which the plate was not recognised; never true, so `if observations:` reads well.
-
-    Attributes
-    ----------
-    code
-        For programs.
-    reason
-        For people: what was seen, and what to do.
-    """
-
-    code: PlateRefusalCode
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 def observe_plate(
@@ -70,6 +36,10 @@ def observe_plate(
 ) -> MarkObservations | PlateRefusal:
     """Find, locate and identify the marks of a plate in an image.
 
+    A plate without ring marks is numbered by its own pattern, its corner mark, or the way it is held, as its
+    description says; where only its moves on a stage tell, one image is refused
+    (`alignment.calibration.stage_turns`).
+
     Parameters
     ----------
     image
@@ -79,7 +49,7 @@ def observe_plate(
     method
         A name of `alignment.imaging.mark_location.METHODS`.
     bright
-        True when the marks are brighter than their ground.
+        True when the marks are brighter than their ground; for other patterns their description says so.
     ring_group, corrected
         As for `identify_marks`.
 
@@ -88,6 +58,9 @@ def observe_plate(
     MarkObservations or PlateRefusal
         Projections of the marks' centres with their covariance, or what is wrong with the image.
     """
+    if plate.pattern.kind is not PatternKind.RING_MARKS:
+        found = number_marks(image, plate, method)
+        return found if isinstance(found, PlateRefusal) else decided(found, corrected=corrected)
     rough = find_marks(image, bright=bright)
     return identify_marks(
         locate_marks(image, rough, method), plate, ring_group=ring_group, corrected=corrected
@@ -129,7 +102,7 @@ def identify_marks(
         When the plate has no square grid, or no ring marks, or the group's are not ring marks.
     """
     plane = _PlatePlane.of(plate, ring_group)
-    wrong = _bad_exposure(marks, plate)
+    wrong = bad_exposure(marks, plate)
     if wrong is not None:
         return wrong
     grid = walk_grid(marks, plane.pitch / plate.mark_radius_mm)
@@ -152,9 +125,8 @@ def identify_marks(
     known = np.flatnonzero(place >= 0)
     rows, seen = grid.rows[known], place[known]
     homography = fit_grid_homography(plate.points[seen, :2], marks.points[rows])
-    missing = _missing(
-        PlaneView.fit(plate.points[seen, :2], marks.points[rows], marks.size), plate, marks, seen
-    )
+    view = PlaneView.fit(plate.points[seen, :2], marks.points[rows], marks.size)
+    missing = missing_marks(view, plate, seen, marks.size, 1.3 * float(np.median(marks.semi_axes[:, 1])))
     if missing is not None:
         return missing
     pixels = marks.points[rows]
@@ -200,9 +172,7 @@ class _PlatePlane:
                 expected=f"marks that do not touch, radius under {pitch / 2.0:g} mm",
                 seen=f"{plate.mark_radius_mm:g} mm",
             )
-        origin = plate.indices.min(axis=0)
-        table = np.full(plate.indices.max(axis=0) - origin + 1, -1, dtype=np.int64)
-        table[tuple((plate.indices - origin).T)] = np.arange(len(plate.indices))
+        table, origin = place_table(plate.indices)
         rings = np.flatnonzero(plate.hollow)
         plane = cls(plate, pitch, rings, table, origin)
         if ring_group is not None:
@@ -221,11 +191,7 @@ class _PlatePlane:
 
     def rows_of(self, indices: Index) -> Index:
         """Rows (N,) of the plate at indices (N, 2), −1 where it has no mark."""
-        local = indices - self.origin
-        inside = ((local >= 0) & (local < self.table.shape)).all(axis=1)
-        rows = np.full(len(indices), -1, dtype=np.int64)
-        rows[inside] = self.table[tuple(local[inside].T)]
-        return rows
+        return rows_at(self.table, self.origin, indices)
 
 
 @dataclass(frozen=True)
@@ -297,66 +263,3 @@ def _positions(places: Index, hollow: Mask, plane: _PlatePlane) -> list[_Fit]:
                 fits.append(_Fit(right, wrong, rows))
         turned = turned @ _QUARTER.T
     return sorted(fits, key=lambda f: f.wrong - f.right)
-
-
-def _bad_exposure(marks: Marks, plate: Plate) -> PlateRefusal | None:
-    """Why an image shows no usable marks, from its exposure and the marks' own edges."""
-    exposure = marks.exposure
-    span = exposure.bright - exposure.dark
-    shades = f"grey levels {exposure.dark:.0f} … {exposure.bright:.0f}"
-    if len(marks) >= FEWEST_MARKS:
-        if float(np.mean(marks.saturated)) > 0.5:
-            return PlateRefusal(
-                PlateRefusalCode.SATURATED,
-                f"the ground of {int(marks.saturated.sum())} of {len(marks)} marks is saturated ({shades}). "
-                "Shorten the exposure or dim the light.",
-            )
-        radius = np.sqrt(np.sqrt(np.linalg.det(marks.shape)))
-        if float(np.median(marks.blur / radius)) > _BLURRED:
-            return PlateRefusal(
-                PlateRefusalCode.BLURRED,
-                f"the marks' edges are blurred over {float(np.median(marks.blur)):.1f} pixels at a radius of "
-                f"{float(np.median(radius)):.1f}. Focus the camera or hold the plate still.",
-            )
-        return None
-    if exposure.saturated > 0.3:
-        return PlateRefusal(
-            PlateRefusalCode.SATURATED,
-            f"{exposure.saturated:.0%} of the image is saturated and {len(marks)} round marks were found. "
-            "Shorten the exposure or dim the light.",
-        )
-    grey = exposure.limit / 255.0
-    if span < max(10.0 * exposure.noise, 12.0 * grey):
-        return PlateRefusal(
-            PlateRefusalCode.DARK,
-            f"the image has hardly any contrast ({shades}). Switch on the light or lengthen the exposure.",
-        )
-    if exposure.edge < 0.12 * span + 4.0 * exposure.noise:
-        return PlateRefusal(
-            PlateRefusalCode.BLURRED,
-            f"the image has light and dark parts ({shades}) but no sharp edge. Focus the camera.",
-        )
-    return PlateRefusal(
-        PlateRefusalCode.NO_MARKS,
-        f"only {len(marks)} round marks were found, at least {FEWEST_MARKS} are needed. "
-        f"Put the plate with marks of radius {plate.mark_radius_mm:g} mm into the camera's field.",
-    )
-
-
-def _missing(view: PlaneView, plate: Plate, marks: Marks, seen: Index) -> PlateRefusal | None:
-    """Refuse when many of the marks that ought to be in the image are not."""
-    width, height = marks.size
-    pixels, shown = view.to_pixels(plate.points[:, :2])
-    w = view.depths(plate.points[:, :2])
-    margin = 1.3 * float(np.median(marks.semi_axes[:, 1]))
-    inside = shown & (np.sign(w) == np.sign(w[seen[0]])) & (pixels > margin).all(axis=1)
-    inside &= (pixels < np.array([width, height]) - 1.0 - margin).all(axis=1)
-    expected = int(inside.sum())
-    found = int(inside[seen].sum())
-    if found >= _FEWEST_OF_VISIBLE * expected:
-        return None
-    return PlateRefusal(
-        PlateRefusalCode.COVERED,
-        f"{found} of the {expected} marks that should be in the image were found. "
-        "Take away what covers the plate or shades it, and clean it.",
-    )

@@ -31,8 +31,10 @@ from .gauge_frame import WholeFrame as WholeFrame
 from .gauge_frame import read_gauge_frame as read_gauge_frame
 from .images import read_image as read_image
 from .images import write_image as write_image
+from .pattern_plate import PatternPlateFile as PatternPlateFile
 from .planned_views import FEWEST_PLANNED as FEWEST_PLANNED
 from .planned_views import MOST_PLANNED as MOST_PLANNED
+from .planned_views import SHIFT_MM as SHIFT_MM
 from .planned_views import TILT as TILT
 from .planned_views import PlannedView as PlannedView
 from .planned_views import plate_plan as plate_plan

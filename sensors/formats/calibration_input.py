@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from alignment.calibration import CalibrationInput, PlateView
-from alignment.imaging import MarkObservations, Plate
+from alignment.imaging import RING_MARKED, MarkObservations, Pattern, PatternKind, Plate
 from sensors.formats.calibration import Coordinate
 from sensors.formats.files import write_bytes
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
@@ -37,7 +37,9 @@ class PlateMark(StrictModel):
 class PlateEntry(StrictModel):
     """The plate."""
 
-    mark_radius_mm: float = Field(gt=0, le=1000, description="Radius of every mark, millimetres")
+    mark_radius_mm: float = Field(
+        ge=0, le=1000, description="Radius of every mark, millimetres; 0 for corners of squares"
+    )
     hollow_radius_mm: float = Field(ge=0, le=1000, description="Radius of the ring marks' light centres")
     marks: tuple[PlateMark, ...] = Field(min_length=4, max_length=_MOST_MARKS, description="Every mark")
 
@@ -122,6 +124,8 @@ class CalibrationInputFile(StrictModel):
     def value(self) -> CalibrationInput:
         """Return the value that the mathematics uses."""
         marks = self.plate.marks
+        # What the marks are no longer matters here, but whether they are circles.
+        squares = self.plate.mark_radius_mm == 0.0
         plate = Plate(
             np.array([mark.index for mark in marks], dtype=np.int64),
             np.array([mark.point_mm for mark in marks]),
@@ -129,6 +133,7 @@ class CalibrationInputFile(StrictModel):
             self.plate.mark_radius_mm,
             np.array([mark.hollow for mark in marks]),
             self.plate.hollow_radius_mm,
+            Pattern(PatternKind.CHESSBOARD) if squares else RING_MARKED,
         )
         views = tuple(
             PlateView(

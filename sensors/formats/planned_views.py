@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from alignment.errors import DegenerateInputError
 
 TILT = math.radians(10.0)
+SHIFT_MM = 7.5
+"""Half the pitch of our own plates."""
 FEWEST_PLANNED, MOST_PLANNED = 3, 9
 
 
@@ -39,9 +41,21 @@ class PlannedView:
         return self.staged and not any(self.tilt)
 
 
-def plate_plan(count: int = 7, tilt: float = TILT) -> tuple[PlannedView, ...]:
+def plate_plan(count: int = 7, tilt: float = TILT, shift_mm: float = SHIFT_MM) -> tuple[PlannedView, ...]:
     """Return positions that make a strong calibration, the most important ones first; at most 9.
 
+    Parameters
+    ----------
+    count
+        How many.
+    tilt
+        Of the tilted ones, radians.
+    shift_mm
+        Along x and y, of the shifted ones. A plate that is smaller than a camera's field covers the field by
+        larger ones.
+
+    Notes
+    -----
     Height on the stage separates focal length from distance; shifts by half a pitch put other marks at other
     places of the image, so that errors of marks do not pass for distortion; tilted views scale depth by the
     plate itself, which is better known over its width than the stage is over its travel. With all errors on,
@@ -53,14 +67,15 @@ def plate_plan(count: int = 7, tilt: float = TILT) -> tuple[PlannedView, ...]:
     DegenerateInputError
         When `count` is not from 3 to 9.
     """
+    s = shift_mm
     every = (
         PlannedView("z0"),
-        PlannedView("z-30", (7.5, 7.5, -30.0)),
+        PlannedView("z-30", (s, s, -30.0)),
         PlannedView("z30", (0.0, 0.0, 30.0)),
         PlannedView("tilted_1", tilt=(tilt, 0.0)),
         PlannedView("tilted_2", tilt=(0.0, tilt)),
-        PlannedView("z-15", (-7.5, 7.5, -15.0)),
-        PlannedView("z15", (7.5, -7.5, 15.0)),
+        PlannedView("z-15", (-s, s, -15.0)),
+        PlannedView("z15", (s, -s, 15.0)),
         PlannedView("tilted_3", tilt=(-tilt, 0.0)),
         PlannedView("tilted_4", tilt=(0.0, -tilt)),
     )

@@ -1,4 +1,7 @@
-"""A plate with round marks, schema ``truewheel.plate/1``: a TOML file, and its certificate if it has one."""
+"""A plate: a TOML file, and its certificate if it has one.
+
+Schema ``truewheel.plate/1`` is a plate with ring marks, ``truewheel.pattern-plate/1`` any other.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +19,15 @@ from alignment.arrays import Array, Index, Mask
 from alignment.counting import listed
 from alignment.errors import ConfigurationError, DegenerateInputError, FormatError
 from alignment.file_limits import TEXT
-from alignment.imaging import Plate
+from alignment.imaging import RING_MARKED, Pattern, Plate
 from sensors.formats.csv_table import table_of
 from sensors.formats.files import read_bytes
+from sensors.formats.pattern_plate import GridPoint, PatternPlateFile, Tolerance
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
-
-GridIndex = Annotated[int, Field(ge=-200, le=200)]
-GridPoint = tuple[GridIndex, GridIndex]
-_Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
 
 _CERTIFICATE_COLUMNS = ("i", "j", "x_mm", "y_mm", "sigma_mm")
 _LARGEST_SIGMA_MM = 1.0
+PATTERN_SCHEMA = "truewheel.pattern-plate/1"
 
 
 class HollowGroup(StrictModel):
@@ -60,10 +61,10 @@ class PlateFile(StrictModel):
     hollow_diameter_mm: float = Field(
         gt=0, le=1000, description="Diameter of the light centre of ring marks, millimetres"
     )
-    mark_tolerance_mm: _Tolerance = Field(
+    mark_tolerance_mm: Tolerance = Field(
         default=0.01, description="Marks lie within ± this of the grid, in x and in y, millimetres"
     )
-    flatness_tolerance_mm: _Tolerance = Field(
+    flatness_tolerance_mm: Tolerance = Field(
         default=0.01, description="Marks lie within ± this of the plane, millimetres"
     )
     hollow_marks: tuple[HollowGroup, ...] = Field(
@@ -139,6 +140,33 @@ class PlateFile(StrictModel):
         }
         return np.array([(int(i), int(j)) in marks for i, j in self.indices])
 
+    def pattern_for(self, head: str | None = None) -> Pattern:
+        """Return what the plate carries: ring marks, for every head."""
+        return RING_MARKED
+
+    def plate(self) -> Plate:
+        """Return the plate with its marks where the grid says."""
+        indices = self.indices
+        # A tolerance of ±a, evenly distributed, has the standard uncertainty a/√3 (JCGM 100, 4.3.7).
+        tolerances = [self.mark_tolerance_mm, self.mark_tolerance_mm, self.flatness_tolerance_mm]
+        return Plate(
+            indices=indices,
+            points=np.column_stack([indices * self.pitch_mm, np.zeros(len(indices))]),
+            sigma_mm=np.tile(np.array(tolerances) / math.sqrt(3.0), (len(indices), 1)),
+            mark_radius_mm=self.mark_diameter_mm / 2,
+            hollow=self.hollow(),
+            hollow_radius_mm=self.hollow_diameter_mm / 2,
+        )
+
+    @property
+    def grid_pitch_mm(self) -> tuple[float, float]:
+        """Distances of neighbouring columns and rows, millimetres."""
+        return self.pitch_mm, self.pitch_mm
+
+
+AnyPlateFile = Annotated[PlateFile | PatternPlateFile, Field(discriminator="schema_")]
+"""What describes a plate, of either kind."""
+
 
 def _mirrored(marks: Iterable[GridPoint]) -> list[GridPoint]:
     return [(-i, j) for i, j in marks]
@@ -168,13 +196,13 @@ class PlateDescription:
         Content of the certificate's file, where there is one.
     """
 
-    file: PlateFile
+    file: PlateFile | PatternPlateFile
     plate: Plate
     certificate: bytes | None = None
 
     def seen_by(self, head: str) -> Plate:
-        """Return the plate with only those ring marks marked as rings that this head may see."""
-        return replace(self.plate, hollow=self.file.hollow(head))
+        """Return the plate as this head sees it, with only those ring marks as rings that it may see."""
+        return replace(self.plate, hollow=self.file.hollow(head), pattern=self.file.pattern_for(head))
 
 
 def read_plate(path: str | PathLike[str]) -> PlateDescription:
@@ -189,20 +217,26 @@ def read_plate(path: str | PathLike[str]) -> PlateDescription:
     """
     path = Path(path)
     data = load_toml(path, "the description of a plate")
-    file = validate(PlateFile, data, file=path, error=ConfigurationError)
+    file: PlateFile | PatternPlateFile
+    if data.get("schema") == PATTERN_SCHEMA:
+        file = validate(PatternPlateFile, data, file=path, error=ConfigurationError)
+    else:
+        file = validate(PlateFile, data, file=path, error=ConfigurationError)
     return describe_plate(file, path.parent)
 
 
-def describe_plate(file: PlateFile, folder: Path | None = None) -> PlateDescription:
+def describe_plate(file: PlateFile | PatternPlateFile, folder: Path | None = None) -> PlateDescription:
     """Return a plate's description with its certificate, which lies in `folder`; errors as `read_plate`."""
     if file.certificate is None or folder is None:
-        return PlateDescription(file, _nominal(file))
+        return PlateDescription(file, file.plate())
     path = folder / file.certificate
     content = read_bytes(path, "the certificate of a plate", TEXT)
-    return PlateDescription(file, _certified(_nominal(file), file.pitch_mm, content, path), content)
+    return PlateDescription(file, _certified(file.plate(), min(file.grid_pitch_mm), content, path), content)
 
 
-def certified(file: PlateFile, points: Array, sigma_mm: Array, name: str) -> PlateDescription:
+def certified(
+    file: PlateFile | PatternPlateFile, points: Array, sigma_mm: Array, name: str
+) -> PlateDescription:
     """Return a plate with a certificate that states these positions.
 
     Parameters
@@ -223,21 +257,8 @@ def certified(file: PlateFile, points: Array, sigma_mm: Array, name: str) -> Pla
     ]
     content = ("\n".join(lines) + "\n").encode()
     file = file.model_copy(update={"certificate": name})
-    return PlateDescription(file, _certified(_nominal(file), file.pitch_mm, content, Path(name)), content)
-
-
-def _nominal(file: PlateFile) -> Plate:
-    indices = file.indices
-    points = np.column_stack([indices * file.pitch_mm, np.zeros(len(indices))])
-    # A tolerance of ±a, evenly distributed, has the standard uncertainty a/√3 (JCGM 100, 4.3.7).
-    tolerances = [file.mark_tolerance_mm, file.mark_tolerance_mm, file.flatness_tolerance_mm]
-    return Plate(
-        indices=indices,
-        points=points,
-        sigma_mm=np.tile(np.array(tolerances) / math.sqrt(3.0), (len(indices), 1)),
-        mark_radius_mm=file.mark_diameter_mm / 2,
-        hollow=file.hollow(),
-        hollow_radius_mm=file.hollow_diameter_mm / 2,
+    return PlateDescription(
+        file, _certified(file.plate(), min(file.grid_pitch_mm), content, Path(name)), content
     )
 
 

@@ -20,7 +20,7 @@ from alignment.values import SIDES, Image, Side
 from sensors.formats.calibration import check_side
 from sensors.formats.files import write_folder
 from sensors.formats.images import encode_image, read_image
-from sensors.formats.plate import PlateDescription, PlateFile, describe_plate, read_plate
+from sensors.formats.plate import AnyPlateFile, PlateDescription, describe_plate, read_plate
 from sensors.formats.shot_file import ImageName
 from sensors.formats.validation import FilePath, Name, StrictModel, dump_json, load_json, validate
 
@@ -88,7 +88,7 @@ class PlateSessionFile(StrictModel):
     rig: Name = Field(description="Name of the rig; its calibration and its shots name the same")
     side: Literal["left", "right"] = Field(description="Side of the vehicle")
     time_utc: AwareDatetime = Field(description="When the session began, ISO 8601 with the zone")
-    plate: PlateFile | None = Field(
+    plate: AnyPlateFile | None = Field(
         default=None, description="Description of the plate; null when plate_file names one"
     )
     plate_file: FilePath | None = Field(

@@ -15,7 +15,7 @@ from alignment.arrays import Array, Index
 from alignment.geometry import RigidTransform
 from sensors.formats.calibration import Coordinate, Pose, pose_fields
 from sensors.formats.files import write_bytes
-from sensors.formats.plate import GridIndex
+from sensors.formats.pattern_plate import GridIndex
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
 

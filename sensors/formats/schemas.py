@@ -8,6 +8,7 @@ from sensors.formats.archived import ArchivedFile
 from sensors.formats.calibration import CalibrationFile
 from sensors.formats.calibration_input import CalibrationInputFile
 from sensors.formats.gauge_frame import GaugeFrameFile
+from sensors.formats.pattern_plate import PatternPlateFile
 from sensors.formats.plate import PlateFile
 from sensors.formats.plate_session import PlateSessionFile
 from sensors.formats.plate_truth import PlateTruthFile
@@ -22,6 +23,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "calibration-input": CalibrationInputFile,
     "truth": TruthFile,
     "plate": PlateFile,
+    "pattern-plate": PatternPlateFile,
     "plate-session": PlateSessionFile,
     "gauge-frame": GaugeFrameFile,
     "plate-truth": PlateTruthFile,

@@ -43,6 +43,8 @@ _MESSAGES = {
     "list_type": "a list",
     "timezone_aware": "a time with its zone, such as 2026-03-01T12:00:00Z",
     "missing": "a value",
+    "union_tag_invalid": "a table whose schema is {expected_tags}",
+    "union_tag_not_found": "a table with its schema",
     "greater_than": "a number above {gt:g}",
     "greater_than_equal": "a number from {ge:g} upward",
     "less_than": "a number below {lt:g}",
@@ -248,8 +250,15 @@ def _mistake(model: type[BaseModel], details: ErrorDetails) -> tuple[str, str, s
 def _dotted(location: Iterable[str | int]) -> str:
     text = ""
     for part in location:
+        if _is_schema(part):
+            continue
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
+
+
+def _is_schema(part: str | int) -> bool:
+    """Whether a part of a place is the schema that chose one of several models: no key of the file."""
+    return isinstance(part, str) and part.startswith("truewheel.")
 
 
 def _shown(value: object) -> str:
@@ -263,20 +272,29 @@ def _shown(value: object) -> str:
 
 def _fields_at(model: type[BaseModel], location: Iterable[str | int]) -> list[str]:
     """Return the keys that the table at this place may hold."""
+    choices = [model]
     for part in location:
         if isinstance(part, int):
             continue
-        by_key = {field.alias or name: field.annotation for name, field in model.model_fields.items()}
-        found = _model_in(by_key.get(part))
-        if found is None:
+        if _is_schema(part):
+            choices = [one for one in choices if part in typing.get_args(_schema_of(one))]
+        else:
+            fields = choices[0].model_fields if choices else {}
+            by_key = {field.alias or name: field.annotation for name, field in fields.items()}
+            choices = _models_in(by_key.get(str(part)))
+        if not choices:
             return []
-        model = found
+    model = choices[0]
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
-def _model_in(annotation: object) -> type[BaseModel] | None:
-    """Return the model in ``Model``, ``tuple[Model, ...]``, ``dict[str, Model]`` or ``Model | None``."""
+def _schema_of(model: type[BaseModel]) -> object:
+    field = model.model_fields.get("schema_")
+    return None if field is None else field.annotation
+
+
+def _models_in(annotation: object) -> list[type[BaseModel]]:
+    """Return the models in ``Model``, ``tuple[Model, ...]``, ``dict[str, Model]`` or ``Model | Other``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    models = (_model_in(argument) for argument in typing.get_args(annotation))
-    return next((model for model in models if model is not None), None)
+        return [annotation]
+    return [model for argument in typing.get_args(annotation) for model in _models_in(argument)]

@@ -1,4 +1,4 @@
-"""A plate with round marks as a camera sees it: dark marks and rings on a bright ground.
+"""A plate as a camera sees it: marks and rings on their ground; boards of squares by `simulation.board`.
 
 Each mark lies where it is said to, off the grid and off the plane.
 
@@ -15,18 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from alignment.arrays import Array, Index, Mask, Singles
+from alignment.arrays import Array, Index, Singles
 from alignment.geometry import CameraModel, PosedCamera, RigidTransform
-from alignment.imaging import Plate
+from alignment.imaging import Plate, place_table
 from alignment.kernels import njit
 from alignment.values import Image
 from sensors.camera import CameraSettings
+from sensors.simulation.board import board_radiance, board_tables
 from sensors.simulation.optics import Optics, develop, integrate
+from sensors.simulation.plate_rays import PARTS, REACH, covered, place, ray_nodes
 
-_PARTS = 2
-_CELL = 4
-_REACH = 0.75  # pixels: an edge beyond half the diagonal does not cross the pixel
-_GRAZING = 1e-6  # rays that are flatter than this pass the plate
 _NO_DISTANCE_MM = 1e-9  # in a mark's very centre no direction leads to its rim
 
 
@@ -72,67 +70,20 @@ class PlateLight:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def covered(distance: float, gx: float, gy: float) -> float:
-    """Share of a unit square on the inner side of a straight edge.
-
-    Parameters
-    ----------
-    distance
-        Of the edge from the square's centre, positive when the centre is inside, in sides of the square.
-    gx, gy
-        Direction across the edge, any length and sign.
-    """
-    length = max(math.sqrt(gx * gx + gy * gy), 1e-12)
-    a, b = abs(gx) / length, abs(gy) / length
-    if a < b:
-        a, b = b, a
-    if abs(distance) >= (a + b) / 2:
-        return 1.0 if distance > 0 else 0.0
-    if abs(distance) <= (a - b) / 2:
-        return 0.5 + distance / a
-    corner = ((a + b) / 2 - abs(distance)) ** 2 / (2 * a * b)
-    return 1.0 - corner if distance > 0 else corner
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _place(
-    u: float, v: float, column: int, row: int, nodes: Array, rotation: Array, origin: Array
-) -> tuple[bool, float, float, float, float, float, float, float, float]:
-    """Where a pixel looks, through the cell of `nodes` at (row, column).
-
-    Returns whether it looks towards the plate; x and y in the plate; how much x and y grow with the height
-    over the plate; the derivatives dx/du, dy/du, dx/dv, dy/dv.
-    """
-    fu, fv = (u + 0.5) / _CELL - column, (v + 0.5) / _CELL - row
-    x = y = xu = yu = xv = yv = 0.0
-    for corner in range(4):
-        right, below = corner % 2, corner // 2
-        wu, wv = fu if right else 1.0 - fu, fv if below else 1.0 - fv
-        su, sv = (2.0 * right - 1.0) * wv / _CELL, (2.0 * below - 1.0) * wu / _CELL
-        nx, ny = nodes[row + below, column + right, 0], nodes[row + below, column + right, 1]
-        x += wu * wv * nx
-        y += wu * wv * ny
-        xu += su * nx
-        yu += su * ny
-        xv += sv * nx
-        yv += sv * ny
-    dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
-    sx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) / dz
-    sy = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]) / dz
-    along = -origin[2] / dz
-    dzu = rotation[2, 0] * xu + rotation[2, 1] * yu
-    dzv = rotation[2, 0] * xv + rotation[2, 1] * yv
-    return (
-        dz < -_GRAZING,
-        origin[0] - origin[2] * sx,
-        origin[1] - origin[2] * sy,
-        sx,
-        sy,
-        along * (rotation[0, 0] * xu + rotation[0, 1] * yu - sx * dzu),
-        along * (rotation[1, 0] * xu + rotation[1, 1] * yu - sy * dzu),
-        along * (rotation[0, 0] * xv + rotation[0, 1] * yv - sx * dzv),
-        along * (rotation[1, 0] * xv + rotation[1, 1] * yv - sy * dzv),
-    )
+def _nearest(i: float, j: float, rows_of: Index, pitch_x: float, pitch_y: float) -> int:
+    """Mark at a place in columns and rows, or the nearest beside a place without; −1 where none is near."""
+    a, b = math.floor(i + 0.5), math.floor(j + 0.5)
+    best, mark = np.inf, -1
+    for k in range(5):
+        p = a + (1 if k == 1 else -1 if k == 2 else 0)
+        q = b + (1 if k == 3 else -1 if k == 4 else 0)
+        if 0 <= p < rows_of.shape[0] and 0 <= q < rows_of.shape[1] and rows_of[p, q] >= 0:
+            if k == 0:
+                return int(rows_of[p, q])
+            away = ((i - p) * pitch_x) ** 2 + ((j - q) * pitch_y) ** 2
+            if away < best:
+                best, mark = away, rows_of[p, q]
+    return int(mark)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -141,7 +92,7 @@ def _plate_radiance(
     rotation: Array,
     origin: Array,
     centres: Array,
-    hollow: Mask,
+    radii: Array,
     rows_of: Index,
     grid: Array,
     levels: Array,
@@ -150,40 +101,36 @@ def _plate_radiance(
     """Radiance of every part of every pixel.
 
     `nodes` (·, ·, 2) are normalised coordinates at the corners of cells; `rotation`, `origin` take them to
-    the plate; `rows_of` gives the mark at a place of the grid or −1; `grid` is first column, first row,
-    pitch, radius of the marks and of light centres; `levels` are ground, mark, beyond.
+    the plate; `radii` (·, 2) are those of the marks and of their centres, 0 for full marks; `rows_of` gives
+    the mark at a place of the grid or −1; `grid` is first column, first row, pitch in x and in y; `levels`
+    are ground, mark, beyond.
     """
-    first_i, first_j, pitch, radius, hollow_radius = grid
+    first_i, first_j, pitch_x, pitch_y = grid
     ground, dark, beyond = levels
     count_i, count_j = rows_of.shape
-    low_x, low_y = (first_i - 1.0) * pitch, (first_j - 1.0) * pitch
-    high_x, high_y = (first_i + count_i) * pitch, (first_j + count_j) * pitch
-    for v in range(out.shape[0] // _PARTS):
-        for u in range(out.shape[1] // _PARTS):
+    low_x, low_y = (first_i - 1.0) * pitch_x, (first_j - 1.0) * pitch_y
+    high_x, high_y = (first_i + count_i) * pitch_x, (first_j + count_j) * pitch_y
+    for v in range(out.shape[0] // PARTS):
+        for u in range(out.shape[1] // PARTS):
             # Part 0 is the whole pixel: it finds the nearest mark, and whether any edge is near.
             mark = -1
             plain = beyond
-            for part in range(_PARTS * _PARTS + 1):
+            for part in range(PARTS * PARTS + 1):
                 size, du, dv = 1.0, 0.0, 0.0
                 if part > 0:
-                    size = 1.0 / _PARTS
-                    du = ((part - 1) % _PARTS + 0.5) * size - 0.5
-                    dv = ((part - 1) // _PARTS + 0.5) * size - 0.5
-                faces, x, y, sx, sy, xu, yu, xv, yv = _place(
-                    u + du, v + dv, u // _CELL, v // _CELL, nodes, rotation, origin
-                )
+                    size = 1.0 / PARTS
+                    du = ((part - 1) % PARTS + 0.5) * size - 0.5
+                    dv = ((part - 1) // PARTS + 0.5) * size - 0.5
+                faces, x, y, sx, sy, xu, yu, xv, yv = place(u + du, v + dv, nodes, rotation, origin)
                 if not faces:
                     break
                 # Distances to the plate's border and to the rims of the mark, pixels.
                 border_x = min(x - low_x, high_x - x) / math.sqrt(xu * xu + xv * xv)
                 border_y = min(y - low_y, high_y - y) / math.sqrt(yu * yu + yv * yv)
                 if part == 0:
-                    if border_x < -_REACH or border_y < -_REACH:
+                    if border_x < -REACH or border_y < -REACH:
                         break
-                    i = math.floor(x / pitch + 0.5) - int(first_i)
-                    j = math.floor(y / pitch + 0.5) - int(first_j)
-                    if 0 <= i < count_i and 0 <= j < count_j:
-                        mark = rows_of[i, j]
+                    mark = _nearest(x / pitch_x - first_i, y / pitch_y - first_j, rows_of, pitch_x, pitch_y)
                 rim, hole, gu, gv = -np.inf, -np.inf, 1.0, 0.0
                 if mark >= 0:
                     qx = x + centres[mark, 2] * sx - centres[mark, 0]
@@ -191,23 +138,23 @@ def _plate_radiance(
                     distance = max(math.sqrt(qx * qx + qy * qy), _NO_DISTANCE_MM)
                     gu, gv = (qx * xu + qy * yu) / distance, (qx * xv + qy * yv) / distance
                     step = max(math.sqrt(gu * gu + gv * gv), _NO_DISTANCE_MM)
-                    rim = (radius - distance) / step
-                    if hollow[mark]:
-                        hole = (hollow_radius - distance) / step
+                    rim = (radii[mark, 0] - distance) / step
+                    if radii[mark, 1] > 0.0:
+                        hole = (radii[mark, 1] - distance) / step
                 if part == 0:
                     plain = dark if rim > 0 >= hole else ground
-                    if min(border_x, border_y, abs(rim), abs(hole)) > _REACH:
+                    if min(border_x, border_y, abs(rim), abs(hole)) > REACH:
                         break
                     continue
                 share = covered(rim / size, gu, gv) - covered(hole / size, gu, gv)
                 on = covered(border_x / size, xu, xv) * covered(border_y / size, yu, yv)
-                out[v * _PARTS + (part - 1) // _PARTS, u * _PARTS + (part - 1) % _PARTS] = (
+                out[v * PARTS + (part - 1) // PARTS, u * PARTS + (part - 1) % PARTS] = (
                     beyond + (ground + (dark - ground) * share - beyond) * on
                 )
                 plain = -1.0
             if plain >= 0.0:
-                for part in range(_PARTS * _PARTS):
-                    out[v * _PARTS + part // _PARTS, u * _PARTS + part % _PARTS] = plain
+                for part in range(PARTS * PARTS):
+                    out[v * PARTS + part // PARTS, u * PARTS + part % PARTS] = plain
 
 
 def plate_light(
@@ -233,28 +180,35 @@ def plate_light(
     """
     model = camera.model
     plate_from_camera = rig_from_plate.inverse() @ camera.rig_from_camera
-    rows, columns = -(-model.height // _CELL), -(-model.width // _CELL)
-    v, u = np.mgrid[0 : rows + 1, 0 : columns + 1] * float(_CELL) - 0.5
-    nodes = model.normalise(np.column_stack([u.ravel(), v.ravel()])).reshape(rows + 1, columns + 1, 2)
-    first = plate.indices.min(axis=0)
-    rows_of = np.full(plate.indices.max(axis=0) - first + 1, -1, dtype=np.int64)
-    rows_of[tuple((plate.indices - first).T)] = np.arange(len(plate.indices))
+    nodes = ray_nodes(model)
+    rotation = np.ascontiguousarray(plate_from_camera.rotation)
+    origin = plate_from_camera.translation.copy()
+    samples = np.empty((model.height * PARTS, model.width * PARTS), dtype=np.float32)
+    levels = np.array([look.ground, look.mark, look.beyond])
+    if plate.pattern.bright:
+        levels = np.array([look.mark, look.ground, look.beyond])
+    if plate.pattern.has_squares:
+        board_radiance(nodes, rotation, origin, *board_tables(plate, plate.points), levels, samples)
+    else:
+        _plate_radiance(nodes, rotation, origin, *_mark_tables(plate), levels, samples)
+    return integrate(samples, PARTS, blur_px) * light.over(model)
+
+
+def _mark_tables(plate: Plate) -> tuple[Array, Array, Index, Array]:
+    """Centres, radii, rows by place, and grid of `_plate_radiance`, the corner mark among them."""
+    indices, points = plate.indices, plate.points
+    radii = np.zeros((len(indices), 2))
+    radii[:, 0] = plate.mark_radius_mm
+    radii[plate.hollow, 1] = plate.hollow_radius_mm
     # The pitch is what the grid of true places has on average: only the nearest mark is looked up with it.
-    steps = np.ptp(plate.points[:, :2], axis=0) / np.ptp(plate.indices, axis=0)
-    pitch = float(steps.mean())
-    samples = np.empty((model.height * _PARTS, model.width * _PARTS), dtype=np.float32)
-    _plate_radiance(
-        nodes,
-        np.ascontiguousarray(plate_from_camera.rotation),
-        plate_from_camera.translation.copy(),
-        plate.points,
-        plate.hollow,
-        rows_of,
-        np.array([first[0], first[1], pitch, plate.mark_radius_mm, plate.hollow_radius_mm]),
-        np.array([look.ground, look.mark, look.beyond]),
-        samples,
-    )
-    return integrate(samples, _PARTS, blur_px) * light.over(model)
+    steps = np.ptp(points[:, :2], axis=0) / np.ptp(indices, axis=0)
+    corner = plate.pattern.corner
+    if corner is not None and corner.radius_mm > 0.0:
+        indices = np.vstack([indices, corner.index])
+        points = np.vstack([points, [*(np.array(corner.index) * steps), 0.0]])
+        radii = np.vstack([radii, [corner.radius_mm, 0.0]])
+    rows_of, first = place_table(indices)
+    return points, radii, rows_of, np.array([*first, *steps], dtype=np.float64)
 
 
 def plate_image(

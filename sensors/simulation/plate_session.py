@@ -15,7 +15,7 @@ from alignment.geometry import PosedCamera, RigidTransform
 from alignment.imaging import Plate
 from alignment.values import Image, RigCalibration
 from sensors.camera import CameraSettings
-from sensors.formats.planned_views import TILT, plate_plan
+from sensors.formats.planned_views import SHIFT_MM, TILT, plate_plan
 from sensors.formats.plate import PlateDescription, certified
 from sensors.formats.plate_session import CERTIFICATE_FILE, PlateSession, SessionView
 from sensors.formats.plate_truth import PlateTruth
@@ -52,9 +52,13 @@ class PlatePosition:
         return self.rig_from_plate is None and not any(self.tilt)
 
 
-def plate_positions(count: int = 7, tilt: float = TILT) -> tuple[PlatePosition, ...]:
+def plate_positions(
+    count: int = 7, tilt: float = TILT, shift_mm: float = SHIFT_MM
+) -> tuple[PlatePosition, ...]:
     """Return the positions of `plate_plan`."""
-    return tuple(PlatePosition(view.name, view.stage_mm, view.tilt) for view in plate_plan(count, tilt))
+    return tuple(
+        PlatePosition(view.name, view.stage_mm, view.tilt) for view in plate_plan(count, tilt, shift_mm)
+    )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@ from .calibrate import Calibrated as Calibrated
 from .calibrate import CalibrateSettings as CalibrateSettings
 from .calibrate import Method as Method
 from .calibrate import calibrate_session as calibrate_session
-from .calibrate import observe_session as observe_session
 from .check import Checked as Checked
 from .check import CheckLimits as CheckLimits
 from .check import accept_calibration as accept_calibration
@@ -12,6 +11,7 @@ from .frame import framed_as_json as framed_as_json
 from .frame import keep as keep
 from .frame import place_rigs as place_rigs
 from .master import MasterWheel as MasterWheel
+from .observing import observe_session as observe_session
 from .refresh import refresh_file as refresh_file
 from .refresh import refreshed_as_json as refreshed_as_json
 from .report import write_calibration_report as write_calibration_report

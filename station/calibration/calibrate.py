@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum
@@ -17,7 +15,6 @@ from alignment.calibration import (
     GateJudgement,
     GateLimits,
     ModelChoice,
-    PlateView,
     Start,
     adjust,
     as_rig_calibration,
@@ -30,16 +27,17 @@ from alignment.calibration import (
     start_values,
 )
 from alignment.errors import DegenerateInputError
-from alignment.imaging import MarkObservations, PlateRefusal, observe_plate
+from alignment.imaging import PlateRefusal
 from alignment.values import RigCalibration, nominal_vehicle_from_rig
 from sensors.formats import PlateSession
+from station.calibration.observing import MARKS_SHARE, observe_session
 from station.figures import Progress
 
 """Told the fraction that is done, 0 … 1, and what goes on."""
 
 CANDIDATES = ("division", "brown5", "brown8", "thin_prism", "tilted")
 """Lens models of which cross-validation chooses."""
-_MARKS_SHARE, _CHOICE_SHARE = 0.5, 0.4  # of the time, for the progress
+_CHOICE_SHARE = 0.4  # of the time, for the progress
 
 
 class Method(StrEnum):
@@ -134,7 +132,7 @@ def calibrate_session(
         start = start_values(data, "brown5")
         choice = None if settings.model else _choose(data, settings, start, progress)
         model = settings.model or (choice.model if choice else "brown5")
-        progress(_MARKS_SHARE + _CHOICE_SHARE, f"adjustment, lens model {model}")
+        progress(MARKS_SHARE + _CHOICE_SHARE, f"adjustment, lens model {model}")
         adjustment = adjust(data, replace(settings.adjustment, model=model), start)
         return _calibrated(session, settings, now_utc, adjustment, choice)
     except DegenerateInputError as error:
@@ -170,35 +168,6 @@ def calibration_id(calibration: RigCalibration, now_utc: datetime) -> str:
     return f"{calibration.rig}-{now_utc:%Y%m%dT%H%M%S}-{digest[:8]}"
 
 
-def observe_session(
-    session: PlateSession, progress: Progress
-) -> tuple[tuple[PlateView, ...], list[tuple[str, CameraKey, PlateRefusal]]]:
-    """Marks of every image, as many images at a time as there are cores."""
-    jobs = [(view, key) for view in session.views for key in view.images]
-    plates = {head: session.plate.seen_by(head) for head in session.heads}
-    found: dict[tuple[str, CameraKey], MarkObservations] = {}
-    refusals = []
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        results = pool.map(
-            lambda job: observe_plate(job[0].images[job[1]], plates[job[1][0]], corrected=False), jobs
-        )
-        for n, ((view, key), result) in enumerate(zip(jobs, results, strict=True)):
-            progress(_MARKS_SHARE * n / len(jobs), f"marks of {view.name}, {' '.join(key)}")
-            if isinstance(result, PlateRefusal):
-                refusals.append((view.name, key, result))
-            else:
-                found[view.name, key] = result
-    views = tuple(
-        PlateView(
-            view.name,
-            view.stage_mm,
-            {key: found[view.name, key] for key in view.images if (view.name, key) in found},
-        )
-        for view in session.views
-    )
-    return views, refusals
-
-
 def _not_recognised(refusals: list[tuple[str, CameraKey, PlateRefusal]]) -> GateJudgement:
     sentences = [f"view {view}, {' '.join(key)}: {refusal.reason}" for view, key, refusal in refusals]
     shown = sentences[:3]
@@ -214,7 +183,7 @@ def _choose(
 
     def tell(model: str) -> None:
         nonlocal tried
-        progress(_MARKS_SHARE + _CHOICE_SHARE * tried / len(CANDIDATES), f"lens model {model}")
+        progress(MARKS_SHARE + _CHOICE_SHARE * tried / len(CANDIDATES), f"lens model {model}")
         tried += 1
 
     return choose_model(data, settings.adjustment, CANDIDATES, start, tell)

@@ -8,6 +8,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from alignment.believable import LARGEST_SHIFT, certificate_slip
 from alignment.calibration import (
     CalibrationInput,
@@ -33,8 +35,8 @@ from sensors.formats import (
     validate,
 )
 from sensors.shot import WheelShot
-from station.calibration.calibrate import observe_session
 from station.calibration.master import MasterWheel
+from station.calibration.observing import KnownCameras, observe_session
 from station.figures import Progress
 
 
@@ -146,7 +148,7 @@ def check_session(
     session: PlateSession, calibration: RigCalibration, limits: CheckLimits, progress: Progress
 ) -> Checked:
     """Check with a plate session; an image without a recognised plate puts the check out of tolerance."""
-    views, refusals = observe_session(session, progress)
+    views, refusals = observe_session(session, progress, KnownCameras(calibration, np.eye(3)))
     if refusals:
         listed = "; ".join(f"view {view}, {' '.join(key)}: {why.reason}" for view, key, why in refusals[:3])
         more = f"; and {len(refusals) - 3} more images" if len(refusals) > 3 else ""

@@ -39,7 +39,8 @@ from sensors.formats import (
     read_plate_session,
     write_folder,
 )
-from station.calibration.calibrate import calibration_id, observe_session
+from station.calibration.calibrate import calibration_id
+from station.calibration.observing import KnownCameras, observe_session
 from station.figures import Progress
 
 
@@ -129,7 +130,8 @@ def _place(
     # The frame's own description counts: it has the certificate.
     plate = frame.plates[session.rig].plate
     session = replace(session, plate=plate)
-    views, refusals = observe_session(session, lambda done, doing: None)
+    turn = known.vehicle_from_rig.rotation.T @ frame.plates[session.rig].vehicle_from_plate.rotation
+    views, refusals = observe_session(session, lambda done, doing: None, KnownCameras(known, turn))
     if refusals:
         listed = "; ".join(f"{' '.join(key)}: {refusal.reason}" for _, key, refusal in refusals[:3])
         return FramedRig(session.rig, known.id, f"the plate was not recognised: {listed}", None, None)

@@ -29,6 +29,10 @@ def simulate_plate_session_command(
     head: Annotated[
         str | None, typer.Option(help="Only this head, with the plate below it.", show_default="all heads")
     ] = None,
+    shift_mm: Annotated[
+        float,
+        typer.Option(help="How far shifted positions lie aside; more for small plates.", min=0, max=200),
+    ] = 7.5,
     as_json: JsonFlag = False,
 ) -> None:
     """Render images of a plate: a session, truth.json, and calibration.json with the true cameras."""
@@ -45,6 +49,7 @@ def simulate_plate_session_command(
         seed,
         views,
         head,
+        shift_mm,
     )
     write_simulated_session(out, session, truth, calibration)
     images = sum(len(view.images) for view in session.views)

@@ -4,6 +4,7 @@ from .environment import damaged_package as damaged_package
 from .health import HealthOptions as HealthOptions
 from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
+from .measure import MeasureOptions as MeasureOptions
 from .places import default_config as default_config
 from .places import own_config as own_config
 from .places import own_configuration as own_configuration
@@ -12,7 +13,6 @@ from .settings import CameraOptions as CameraOptions
 from .settings import Configuration as Configuration
 from .settings import CycleSettings as CycleSettings
 from .settings import DatabaseSettings as DatabaseSettings
-from .measure import MeasureOptions as MeasureOptions
 from .settings import StandOptions as StandOptions
 from .settings import StationConfig as StationConfig
 from .settings import read_configuration as read_configuration

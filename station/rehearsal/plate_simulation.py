@@ -10,6 +10,7 @@ import numpy as np
 from alignment.errors import ConfigurationError
 from alignment.values import RigCalibration, Side
 from sensors.formats import (
+    SHIFT_MM,
     TILT,
     PlateDescription,
     PlateSession,
@@ -37,6 +38,7 @@ def simulate_session(
     seed: int,
     views: int = 7,
     head: str | None = None,
+    shift_mm: float = SHIFT_MM,
 ) -> tuple[PlateSession, PlateTruth, RigCalibration]:
     """Render a plate session: the session, its truth, the true calibration.
 
@@ -54,6 +56,8 @@ def simulate_session(
         Positions of the plate.
     head
         When given, only this head looks, at a plate centred below it and tilted twice as far.
+    shift_mm
+        How far the shifted positions lie aside, along x and y.
 
     Raises
     ------
@@ -69,7 +73,7 @@ def simulate_session(
         x, y, _ = config.spec().rig_from_head(names.index(head)).translation
         centre, tilt = (round(float(x), 1), round(float(y), 1), 0.0), 2.0 * TILT
     spec = PlateSessionSpec(
-        positions=plate_positions(views, tilt),
+        positions=plate_positions(views, tilt, shift_mm),
         centre_mm=centre,
         heads=None if head is None else (head,),
         optics=Optics(**config.optics.model_dump()),

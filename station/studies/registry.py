@@ -23,6 +23,7 @@ STUDIES = {
     "marks": "station.studies.marks",
     "nonparallel-head": "station.studies.nonparallel_head",
     "parallel-head": "station.studies.parallel_head",
+    "plates": "station.studies.plates",
     "refresh": "station.studies.refresh",
     "refresh-rates": "station.studies.refresh_rates",
     "repeatability": "station.studies.repeatability",

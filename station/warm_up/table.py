@@ -205,8 +205,11 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "plate_images": {
+        "sensors.simulation.board.board_radiance": (
+            "float64[:, :, ::1]; Array(float64, 2, 'C', True); float64[::1]; float64[:, :, ::1]; int64[:, :, ::1]; float64[::1]; float64[::1]; float32[:, ::1]",
+        ),
         "sensors.simulation.plate._plate_radiance": (
-            "float64[:, :, ::1]; Array(float64, 2, 'C', True); float64[::1]; float64[:, ::1]; boolean[::1]; int64[:, ::1]; float64[::1]; float64[::1]; float32[:, ::1]",
+            "float64[:, :, ::1]; Array(float64, 2, 'C', True); float64[::1]; float64[:, ::1]; float64[:, ::1]; int64[:, ::1]; float64[::1]; float64[::1]; float32[:, ::1]",
         ),
     },
     "refresh": {

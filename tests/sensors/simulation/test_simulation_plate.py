@@ -14,7 +14,8 @@ from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import Plate
 from sensors.formats import PlateDescription, read_plate, read_plate_session, write_plate_session
 from sensors.simulation.optics import Optics
-from sensors.simulation.plate import PlateLight, PlateLook, covered, plate_image, plate_light
+from sensors.simulation.plate import PlateLight, PlateLook, plate_image, plate_light
+from sensors.simulation.plate_rays import covered
 from sensors.simulation.plate_session import (
     PlatePosition,
     PlateSessionSpec,
