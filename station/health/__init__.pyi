@@ -1,7 +1,7 @@
 from .figures import Figure as Figure
 from .limits import HealthLimits as HealthLimits
 from .observer import WatchingObserver as WatchingObserver
-from .trends import Trend as Trend
-from .trends import trends as trends
+from .trend import Trend as Trend
+from .trend import trends as trends
 from .watch import CameraWatch as CameraWatch
 from .watch import WatchedCamera as WatchedCamera
