@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.calibration.judgement import Judgement
+from alignment.calibration.judgement import Judgement, unjudged
 from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.imaging.brightness import line_brightness
@@ -212,7 +212,8 @@ def _evaluate(
     told = told_apart(lines, matched, everything, surface, rig, settings)
     if isinstance(told, Refusal):
         return told
-    loaded, judgement = told
+    loaded, signs = told
+    judgement = signs.judgement
     surface = surface if loaded is None else loaded.surface
     sums = HeadSums.of(surface, len(matched))
     try:
@@ -223,8 +224,12 @@ def _evaluate(
     angles = _angles(normal, centre, rig.calibration, settings)
     if isinstance(angles, Refusal):
         return angles
-    if judgement.knocked:
-        return head_knocked(judgement, rig)
+    if judgement.knocked and signs.refusal is None:
+        signs = replace(signs, refusal=head_knocked(judgement, rig))
+    if signs.refusal is not None:
+        if settings.judge_heads:
+            return signs.refusal
+        judgement = unjudged(len(matched))
     turn = angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     if loaded is not None:
         covariance = covariance + loaded.covariance
@@ -251,6 +256,7 @@ def _evaluate(
         load_mm=None if loaded is None else loaded.lift_mm,
         reference=reference,
         load_covariance=None if loaded is None else turn @ loaded.covariance @ turn.T,
+        signs=None if settings.judge_heads else signs,
     )
 
 

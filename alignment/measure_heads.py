@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from alignment.arrays import Array
 from alignment.calibration.judgement import Judgement, judge, unjudged
 from alignment.imaging.lines import LightLines
 from alignment.prepared import PreparedRig
+from alignment.refusals import head_knocked
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
 from alignment.stereo.rows import row_fields
@@ -26,11 +27,42 @@ _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
 _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
 _DOUBT = 0.0  # evidence that something moved from which a load is looked for
 _SHAPE_SHARE = 0.004  # of a load, by which its shapes may miss what a tyre does
+_UNDETERMINED = 1e-6  # of the heads' own movements, what all of them do together
 _DOWN = np.array([0.0, 0.0, -1.0])  # vehicle frame
 # A head whose patch of the tyre would fit better elsewhere moved: by more than the errors of the calibration
 # explain (`PreparedRig.worst_misfit`) and the noise of the head's points, which five movements fit a little.
 _DEVIATIONS, _MOVEMENTS = 3.0, 5
 _LEAD = 5.0  # logarithm of how much likelier a load must be than moved heads, or intact ones without it
+
+
+@dataclass(frozen=True, eq=False)
+class HeadSigns:
+    """What one exposure of a wheel that turns says of its heads, to be judged with all others.
+
+    An uneven tyre looks like heads that moved; but its signs turn with it, and those of a knock stay.
+
+    Attributes
+    ----------
+    moves
+        As a knock or a load would make them; a load that was found is free to explain them.
+    numbers
+        (H,) points with weight.
+    noise
+        Of the heights, millimetres.
+    judgement
+        Of this exposure alone.
+    refusal
+        Why it would be refused alone; None where it would not.
+    judge
+        Weighs other moves in place of these.
+    """
+
+    moves: HeadMoves
+    numbers: Array
+    noise: float
+    judgement: Judgement
+    refusal: Refusal | None
+    judge: Callable[[HeadMoves], Judgement]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,29 +92,77 @@ def told_apart(
     surface: WheelSurface,
     rig: PreparedRig,
     settings: MeasureSettings,
-) -> tuple[LoadedWheel | None, Judgement] | Refusal:
+) -> tuple[LoadedWheel | None, HeadSigns] | Refusal:
     """Tell a load from heads that moved; a refusal where neither makes the surface a wheel before its rig."""
     heads = len(matched)
     sums = HeadSums.of(surface, heads)
-    plain: Judgement | Refusal | None = _too_few(sums.numbers, matched, rig, settings)
-    if plain is None:
+    few_points = _too_few(sums.numbers, matched, rig, settings)
+    plain: HeadSigns | None = None
+    if few_points is None:
         if sums.rms > _WORST_RMS:
             return _no_wheel(sums.rms)
         moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
-        judgement = judged_shot(lines, matched, surface, moves, sums.rms, rig)
-        moved = _moved(moves.misfits(), sums.numbers, sums.rms, judgement, rig)
-        if moved is None and (judgement.evidence or 0.0) <= _DOUBT:
-            return None, judgement
-        plain = judgement if moved is None else moved
+        judge = judged_shot(lines, matched, surface, sums.rms, rig)
+        plain = _signs(moves, moves.misfits(), sums.numbers, sums.rms, judge, rig)
+        if plain.refusal is None and (plain.judgement.evidence or 0.0) <= _DOUBT:
+            return None, plain
     # What a load lifts before two heads may leave the third one off a surface that these agree on.
     loaded = _loaded(everything, surface, rig)
     sums = HeadSums.of(surface if loaded is None else loaded.surface, heads)
     few = _too_few(sums.numbers, matched, rig, settings) is not None
     if loaded is None or few or sums.rms > _WORST_RMS:
-        return plain if isinstance(plain, Refusal) else (None, plain)
-    judgement = judged_shot(lines, matched, loaded.surface, loaded.moves, loaded.noise, rig, loaded.lift_mm)
-    moved = _moved(loaded.misfits(), sums.numbers, loaded.noise, judgement, rig)
-    return (loaded, judgement) if moved is None else moved
+        if plain is None:
+            assert few_points is not None
+            return few_points
+        return plain.refusal if plain.refusal is not None and settings.judge_heads else (None, plain)
+    judge = judged_shot(lines, matched, loaded.surface, loaded.noise, rig, loaded.lift_mm)
+    found = _signs(loaded.moves, loaded.misfits(), sums.numbers, loaded.noise, judge, rig)
+    return found.refusal if found.refusal is not None and settings.judge_heads else (loaded, found)
+
+
+def _signs(
+    moves: HeadMoves,
+    misfits: Array,
+    numbers: Array,
+    noise: float,
+    judge: Callable[[HeadMoves], Judgement],
+    rig: PreparedRig,
+) -> HeadSigns:
+    judgement = judge(moves)
+    moved = _moved(misfits, numbers, noise, judgement, rig)
+    return HeadSigns(moves, numbers, noise, judgement, moved, judge)
+
+
+def judged_together(signs: Sequence[HeadSigns], rig: PreparedRig) -> Judgement | Refusal:
+    """Judge the heads by all exposures of a wheel that turned: by those of their signs that do not turn."""
+    normal = np.mean([one.moves.normal for one in signs], axis=0)
+    target = np.mean([one.moves.target for one in signs], axis=0)
+    last = signs[-1]
+    judgement = last.judge(replace(last.moves, normal=normal, target=target))
+    noise = float(np.median([one.noise for one in signs]))
+    numbers = np.sum([one.numbers for one in signs], axis=0)
+    moved = _moved(_common_misfits(signs, normal, target), numbers, noise, judgement, rig)
+    if moved is not None:
+        return moved
+    return head_knocked(judgement, rig) if judgement.knocked else judgement
+
+
+def _common_misfits(signs: Sequence[HeadSigns], normal: Array, target: Array) -> Array:
+    """(H,) RMS of the heights that one movement of each head explains in all exposures, millimetres."""
+    heads = signs[0].moves.square.shape[0]
+    unit = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    scaled = np.linalg.pinv(normal / np.outer(unit, unit), rcond=_UNDETERMINED, hermitian=True)
+    amounts = (scaled @ (target / unit) / unit).reshape(heads, MOVES)
+    explained, weight = np.zeros(heads), np.zeros(heads)
+    for one in signs:
+        of_ring = np.einsum("rha,ha->rh", one.moves.rings, amounts)
+        mine = one.moves.rings[:, :, 0]
+        mean = of_ring.sum(axis=1) / np.maximum(mine.sum(axis=1), 1e-12)
+        explained += np.einsum("hab,ha,hb->h", one.moves.square, amounts, amounts)
+        explained += (mine * mean[:, None] ** 2 - 2.0 * of_ring * mean[:, None]).sum(axis=0)
+        weight += mine.sum(axis=0)
+    out: Array = np.sqrt(np.maximum(explained, 0.0) / np.maximum(weight, 1e-12))
+    return out
 
 
 def _no_wheel(rms: float) -> Refusal:
@@ -109,20 +189,23 @@ def judged_shot(
     lines: Sequence[tuple[LightLines, LightLines]],
     matched: list[Candidates],
     surface: WheelSurface,
-    moves: HeadMoves,
     rms: float,
     rig: PreparedRig,
     lift_mm: float = 0.0,
-) -> Judgement:
-    """Weigh the signs of knocked cameras and mixed pictures, beside a load that lifts the tyre by so much."""
+) -> Callable[[HeadMoves], Judgement]:
+    """Return what weighs the signs of knocked cameras and mixed pictures in moves of the heads.
+
+    `lift_mm` is by how much a load lifts the tyre.
+    """
     fit, model = surface.fit, rig.knock_model
     if model is None:
-        return unjudged(len(matched))
+        return lambda moves: unjudged(len(matched))
     if lift_mm > 0.0:
         model = model.beside_load(_SHAPE_SHARE * lift_mm)
     rows = row_fields(lines, matched, surface.chosen, rig.row_views, fit.height)
     turn = angles_by_normal(fit.normal, rig.calibration) @ fit.tilt_axes.T
-    return judge(moves, rms, rows, model, fit.normal, turn)
+    normal = fit.normal
+    return lambda moves: judge(moves, rms, rows, model, normal, turn)
 
 
 def _moved(

@@ -9,8 +9,11 @@ from hashlib import blake2b
 import numpy as np
 
 from alignment.arrays import Array, Singles
+from alignment.calibration.judgement import Judgement
 from alignment.measure import measure_wheel
+from alignment.measure_heads import HeadSigns, judged_together
 from alignment.prepared import PreparedRig
+from alignment.refusals import warning
 from alignment.values import (
     MeasureSettings,
     Refusal,
@@ -71,7 +74,7 @@ class SeriesUnderWay:
         rules: SeriesRules,
         measure: MeasureOne = measure_wheel,
     ) -> None:
-        self._rig, self._settings, self._rules, self._measure = rig, settings, rules, measure
+        self._rig, self._settings, self._rules, self._measure = rig, series_settings(settings), rules, measure
         self._seen: dict[bytes, int] = {}
         self._numbers: list[int] = []
         self._found: list[WheelMeasurement] = []
@@ -102,7 +105,10 @@ class SeriesUnderWay:
         return self._found[-1]
 
     def result(self) -> SeriesMeasurement | Refusal:
-        """Return the spin axis of what was taken; a refusal as `fit_series`."""
+        """Return the spin axis of what was taken; a refusal as `fit_series`, or of a head that moved."""
+        judged = _heads_judged(self._found, self._rig)
+        if isinstance(judged, Refusal):
+            return judged
         spin = fit_series(
             self._found,
             self._rig.calibration.side,
@@ -110,10 +116,46 @@ class SeriesUnderWay:
             None if self._rig.calibration.covariance is None else self._rig.angle_covariance,
             self._numbers,
             lambda: has_turned(self._looks),
+            _heads_at(self._rig),
         )
         if isinstance(spin, Refusal):
             return spin
-        return SeriesMeasurement(spin, as_wheel(spin, self._found, self._rig))
+        spin = _with_judgement(spin, judged)
+        wheel = as_wheel(spin, self._found, self._rig)
+        if judged is not None and judged.suspected:
+            wheel = replace(wheel, warning=warning(judged, self._rig))
+        return SeriesMeasurement(spin, wheel)
+
+
+def series_settings(settings: MeasureSettings) -> MeasureSettings:
+    """Settings of exposures whose heads are judged together; each alone where a head may be left out."""
+    return replace(settings, judge_heads=settings.allow_lost_head)
+
+
+def _heads_judged(exposures: Sequence[WheelMeasurement], rig: PreparedRig) -> Judgement | Refusal | None:
+    """Judge the heads by all exposures where one alone would be refused; None where none would."""
+    signs = [m.signs for m in exposures if isinstance(m.signs, HeadSigns)]
+    if all(one.refusal is None for one in signs):
+        return None
+    judged = judged_together(signs, rig)
+    if isinstance(judged, Refusal):
+        return replace(judged, reason=f"all exposures together: {judged.reason}")
+    return judged
+
+
+def _with_judgement(spin: SpinMeasurement, judged: Judgement | None) -> SpinMeasurement:
+    if judged is None:
+        return spin
+    return replace(spin, angle_covariance=spin.angle_covariance + judged.covariance)
+
+
+def _heads_at(rig: PreparedRig) -> Array:
+    """(H,) polar angles of the heads, counted as phases: from the top, counter-clockwise from outboard."""
+    places = [
+        np.mean([camera.rig_from_camera.translation for camera in head.cameras], axis=0) for head in rig.heads
+    ]
+    out: Array = np.array([np.arctan2(-place[0], place[1]) for place in places])
+    return out
 
 
 def as_wheel(
@@ -143,6 +185,7 @@ def as_wheel(
         warning=next((m.warning for m in exposures if m.warning is not None), None),
         unseen=None if not unseen else (max(u[0] for u in unseen), max(u[1] for u in unseen)),
         load_mm=max(lifts, default=None),
+        signs=None,
         reference=spin_reference(exposures, spin, rig.axis_covariance),
     )
 
@@ -179,6 +222,7 @@ def measure_spin(
         return wrong
     rig = PreparedRig.of(calibration, settings)
     measurements = []
+    settings = series_settings(settings)
     seen: dict[bytes, int] = {}
     for number, images in enumerate(shots, start=1):
         first = seen.setdefault(_digest(images), number)
@@ -198,13 +242,17 @@ def measure_spin(
 def spin_of_shots(measurements: Sequence[WheelMeasurement], rig: PreparedRig) -> SpinMeasurement | Refusal:
     """Return the spin axis of tyre planes; a wandering one only where a standing one explains too little."""
     side, common = rig.calibration.side, rig.angle_covariance
+    judged = _heads_judged(measurements, rig)
+    if isinstance(judged, Refusal):
+        return judged
     found = fit_spin_axis(measurements, side, common)
     if isinstance(found, SpinMeasurement) and all(found.used) and found.scatter is not None:
         own = [m.angle_covariance - (0.0 if common is None else common) for m in measurements]
         noise = np.sqrt(np.median([np.trace(c) for c in own]) / 2.0)
         if found.scatter <= _TRUE_TO_NOISE * noise:
             return found
-    return fit_turning_axis(measurements, side, common) or found
+    turning = fit_turning_axis(measurements, side, common, _heads_at(rig)) or found
+    return _with_judgement(turning, judged) if isinstance(turning, SpinMeasurement) else turning
 
 
 def _digest(images: Sequence[StereoImages]) -> bytes:

@@ -187,6 +187,9 @@ class MeasureSettings:
         k of the expanded uncertainty; 2 for about 95 %.
     allow_lost_head
         True lets the other heads measure when one of at least three is lost; the result is marked degraded.
+    judge_heads
+        False leaves it to the caller whether heads moved: the result then carries their signs. For exposures
+        of a wheel that turns, of which all together tell an uneven tyre from a head that moved.
     """
 
     depth_range_mm: tuple[float, float] = (-60.0, 60.0)
@@ -195,6 +198,7 @@ class MeasureSettings:
     maximum_angle: float = math.radians(10.0)
     coverage_factor: float = 2.0
     allow_lost_head: bool = False
+    judge_heads: bool = True
 
 
 class RefusalCode(enum.StrEnum):
@@ -354,6 +358,8 @@ class WheelMeasurement:
     load_covariance
         (2, 2) what of `angle_covariance` is not known of the load, radians²: it is the same while the wheel
         turns. None where the wheel shows no load.
+    signs
+        Of the heads, a `measure_heads.HeadSigns`, where they are not judged yet; None elsewhere.
     """
 
     camber: float
@@ -374,6 +380,7 @@ class WheelMeasurement:
     load_mm: float | None = None
     reference: WheelReference | None = None
     load_covariance: Array | None = None
+    signs: object | None = None
     outcome: str = field(default="measured", init=False)
 
     @property

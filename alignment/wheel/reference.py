@@ -232,9 +232,8 @@ def _broad_form(rows: Array, z: Array) -> tuple[Array, float]:
     scale = _FLOOR_MM
     form: Array = np.zeros(shape[0])
     for round_ in range(_LEAST + _TUKEY):
-        form = np.asarray(
-            np.linalg.solve((weight @ products).reshape(shape), (weight * z) @ rows), dtype=np.float64
-        )
+        solved = np.linalg.solve((weight @ products).reshape(shape), (weight * z) @ rows)
+        form = np.asarray(solved, dtype=np.float64)
         left = np.abs(z - rows @ form)
         if round_ < _LEAST - 1:
             weight = 1.0 / np.maximum(left, _FLOOR_MM)

@@ -92,6 +92,7 @@ def fit_series(
     common_covariance: Array | None = None,
     numbers: Sequence[int] | None = None,
     turned: Callable[[], bool] | None = None,
+    heads: Array | None = None,
 ) -> SpinMeasurement | Refusal:
     """Fit the mean spin axis of a wheel to tyre planes taken while it turned and wandered.
 
@@ -111,6 +112,8 @@ def fit_series(
     turned
         Tells whether the images show that the wheel turned; asked only where there is no run-out to show it.
         None where nothing can tell.
+    heads
+        (H,) where the heads look at the wheel, radians, counted as the phases; None: three evenly.
 
     Returns
     -------
@@ -123,10 +126,10 @@ def fit_series(
         return wrong
     off, onto = shared(measurements, common_covariance)
     at = np.array(counted, dtype=np.float64)
-    scatter, cone = _recentred(Scatter.of(measurements, side, off), at)
+    scatter, cone = _recentred(Scatter.of(measurements, side, off), at, heads)
     wrong = jump_of_place(np.array([m.centre for m in measurements]), at, counted)
     if wrong is None:
-        wrong = _astray(scatter, cone, at, counted)
+        wrong = _astray(scatter, cone, at, counted, heads)
     if wrong is not None:
         return wrong
     found = spin_of(scatter, cone, side, onto, measurements)
@@ -137,7 +140,10 @@ def fit_series(
 
 
 def fit_turning_axis(
-    measurements: Sequence[WheelMeasurement], side: Side, common_covariance: Array | None = None
+    measurements: Sequence[WheelMeasurement],
+    side: Side,
+    common_covariance: Array | None = None,
+    heads: Array | None = None,
 ) -> SpinMeasurement | None:
     """As `fit_series`, without rules; None where a slow wander does not explain these planes.
 
@@ -147,7 +153,7 @@ def fit_turning_axis(
         return None
     off, onto = shared(measurements, common_covariance)
     at = np.arange(len(measurements), dtype=np.float64)
-    scatter, cone = _recentred(Scatter.of(measurements, side, off), at)
+    scatter, cone = _recentred(Scatter.of(measurements, side, off), at, heads)
     if _rests(cone) or cone.farthest > _FARTHEST_WAY or not cone.free:
         return None
     return spin_of(scatter, cone, side, onto, measurements)
@@ -222,6 +228,7 @@ def spin_of(
         # As large as it may be and not be seen; over a whole turn its mean is small.
         run_out_u = max(scatter.sigma, _HIDDEN * cone.farthest, run_out)
         tilts = tilts + (_LEFT * run_out_u) ** 2 * np.eye(2)
+    twice = float(np.linalg.norm(cone.twice, axis=1).max())
     across = np.sqrt(np.maximum(cone.across, 0.0) + scatter.sigma**2 + cone.rest**2)
     return SpinMeasurement(
         camber=camber,
@@ -238,18 +245,19 @@ def spin_of(
         wander=cone.farthest,
         turned=float(cone.phases[-1] - cone.phases[0]) if clear else None,
         scatter=cone.rest,
+        twice=twice if twice > 0.0 else None,
     )
 
 
-def _recentred(scatter: Scatter, at: Array) -> tuple[Scatter, WanderingCone]:
+def _recentred(scatter: Scatter, at: Array, heads: Array | None) -> tuple[Scatter, WanderingCone]:
     """Fit, and look again from the axis found, from where distances are exact."""
-    cone = fit_wandering_cone(scatter.points, scatter.noise, at)
+    cone = fit_wandering_cone(scatter.points, scatter.noise, at, heads)
     for _ in range(_RECENTRED):
         # By so much a plane shortens the arcs of the sphere.
         if float(np.abs(cone.centre).max()) * cone.radius**2 / 6.0 < _FLAT:
             break
         scatter = scatter.about(_axis(scatter, cone.centre))
-        cone = fit_wandering_cone(scatter.points, scatter.noise, at)
+        cone = fit_wandering_cone(scatter.points, scatter.noise, at, heads)
     return scatter.about(_axis(scatter, cone.centre)), cone
 
 
@@ -264,13 +272,15 @@ def _rests(cone: WanderingCone) -> bool:
     return cone.rest > math.hypot(_LARGEST_REST, uneven)
 
 
-def _astray(scatter: Scatter, cone: WanderingCone, at: Array, counted: Sequence[int]) -> Refusal | None:
+def _astray(
+    scatter: Scatter, cone: WanderingCone, at: Array, counted: Sequence[int], heads: Array | None
+) -> Refusal | None:
     """Refuse normals that are not on one slowly wandering cone; name the exposure that is to blame."""
     if not _rests(cone) and cone.farthest <= _FARTHEST_WAY:
         return None
     for k in range(len(at)):
         others: Mask = np.arange(len(at)) != k
-        without = fit_wandering_cone(scatter.points[others], scatter.noise[others], at[others])
+        without = fit_wandering_cone(scatter.points[others], scatter.noise[others], at[others], heads)
         # A step that one gap nearly hides is no single exposure.
         if without.rest <= _HEALED * cone.rest and not _rests(without) and without.farthest <= _FARTHEST_WAY:
             return Refusal(

@@ -79,6 +79,9 @@ class SpinMeasurement:
         from each to the next; None when the phases are, or where nothing is known of the order.
     scatter
         Root mean square of what is neither cone nor wander, along one direction, radians.
+    twice
+        Largest angle by which the tyre plane leans twice per turn, by a second harmonic of its run-out; None
+        where none was told.
     """
 
     camber: float
@@ -95,6 +98,7 @@ class SpinMeasurement:
     wander: float | None = None
     turned: float | None = None
     scatter: float | None = None
+    twice: float | None = None
     method: Literal["spin_axis"] = field(default="spin_axis", init=False)
     outcome: Literal["measured"] = field(default="measured", init=False)
 

@@ -7,6 +7,11 @@ size and of the noise beside the stated one a small grid is averaged by its evid
 Williams, Gaussian Processes for Machine Learning, ch. 2 and 5; flat prior of the mean axis, so the evidence
 is the restricted likelihood).
 
+A tyre that is no plane, by a second harmonic of its run-out, leans before the heads twice per turn as well.
+Three even heads see it lean against the turn, which is told from an axis; what leans with the turn is not, as
+long as phases are free. Where cone and way leave more than noise, such a lean, as the places of the heads
+make it, is one more hypothesis.
+
 Two ways to see it. A *steady* turn, the same angle from one exposure to the next, makes the problem linear
 and finds turn and run-out from nothing; what the turn is not steady by looks like noise in proportion to
 the run-out. A *free* phase of every exposure leaves only distances from the axis to tell, exact however the
@@ -33,8 +38,13 @@ _FINER = np.linspace(-0.06, 0.06, 7)
 _STILL = 2.5  # turns in the time of all exposures that clock the way of a wheel without run-out
 _LARGEST = math.radians(5.0)
 _PRIOR = math.log((30.0 * ARCMIN) ** 2)  # run-outs up to about 30′ are to be expected
+_EVEN: Array = 2.0 * math.pi / 3.0 * np.arange(3, dtype=np.float64)
 _CLEAR_OF_WAY = 1.3  # run-out in largest distances of the way from its mean, from which phases can be free
-_ITERATIONS, _SETTLED = 30, 1e-4 * ARCMIN
+_ITERATIONS, _SETTLED = 60, 1e-4 * ARCMIN
+_NO_HARMONIC = np.zeros(1)
+_HARMONICS = ARCMIN * np.array([0.0, 0.3, 1.0, 3.0])  # leans twice per turn, one standard deviation
+_WITH_TURN = 0.1  # of such a lean, that may go with the turn though heads stand evenly: they see patches
+_UNEXPLAINED = 2.0  # of the noise, that cone and way leave, from which such a lean is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +70,8 @@ class WanderingCone:
         (N,) variance of each exposure's axis across the lean, radians²: what its phase does not know.
     rest
         Root mean square of what is neither cone nor way along one direction, radians.
+    twice
+        (N, 2) what leans twice per turn; nothing where none was looked for.
     """
 
     centre: Array
@@ -70,6 +82,7 @@ class WanderingCone:
     covariance: Array
     across: Array
     rest: float
+    twice: Array
 
     @property
     def farthest(self) -> float:
@@ -77,7 +90,9 @@ class WanderingCone:
         return float(np.linalg.norm(self.way, axis=1).max())
 
 
-def fit_wandering_cone(points: Array, noise: Array, numbers: Array) -> WanderingCone:
+def fit_wandering_cone(
+    points: Array, noise: Array, numbers: Array, heads: Array | None = None
+) -> WanderingCone:
     """Fit the cone to at least twelve normals.
 
     Parameters
@@ -88,13 +103,19 @@ def fit_wandering_cone(points: Array, noise: Array, numbers: Array) -> Wandering
         (N, 2, 2) covariance of each.
     numbers
         (N,) when each was taken, in exposures; a gap stands for one that is left out.
+    heads
+        (H,) where the heads look at the wheel, radians, counted as phases; None: three evenly.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(2)
     sigma = math.sqrt(float(np.median(np.trace(noise, axis1=1, axis2=2))) / 2.0)
     start = _steady(points, sigma, numbers)
     if start.radius <= max(_CLEAR_OF_WAY * start.farthest, 5.0 * sigma):
         return start
-    return _free(points, noise, numbers, start) or start
+    found = _free(points, noise, numbers, start, _NO_HARMONIC) or start
+    if found.rest <= _UNEXPLAINED * sigma:
+        return found
+    gains = _gains(_EVEN if heads is None else heads)
+    return _free(points, noise, numbers, start, _HARMONICS, gains) or found
 
 
 def _kernel(turns: Array) -> Array:
@@ -174,25 +195,49 @@ def _averaged(found: _Hypotheses, points: Array, sigma: float, numbers: Array) -
     middle = np.array([centre.real, centre.imag])
     return WanderingCone(
         middle, radius, moved, _phases(points - middle - moved, float(weight @ steps) * numbers), False, out,
-        np.full(len(points), out[0, 0] + 2.0 * rest**2), rest,
+        np.full(len(points), out[0, 0] + 2.0 * rest**2), rest, np.zeros_like(points),
     )  # fmt: skip
 
 
-def _free(points: Array, noise: Array, numbers: Array, start: WanderingCone) -> WanderingCone | None:
+def _gains(heads: Array) -> tuple[complex, complex]:
+    """How a height that goes round twice leans the plane of the heads, against the turn and with it."""
+    design = np.column_stack([np.ones_like(heads), np.cos(heads), np.sin(heads)])
+    _, cos, sin = np.linalg.pinv(design) @ np.exp(2j * np.outer(heads, [1.0, -1.0]))
+    against, with_turn = cos + 1j * sin
+    size = max(abs(against), abs(with_turn))
+    return complex(against / size), complex(with_turn / size)
+
+
+def _round_twice(phases: Array, gains: tuple[complex, complex]) -> Array:
+    """(4, N, 2) how planes lean by a second harmonic of unit size, of two phases, and by what is left out."""
+    turn = np.exp(2j * phases)
+    leans = [gains[0] * a / turn + gains[1] * np.conj(a) * turn for a in (1.0, 1.0j)]
+    leans += [_WITH_TURN * a * turn for a in (1.0, 1.0j)]
+    found = np.array(leans)
+    return np.stack([found.real, found.imag], axis=-1)
+
+
+def _free(
+    points: Array, noise: Array, numbers: Array, start: WanderingCone, harmonics: Array,
+    gains: tuple[complex, complex] = (1.0, 0.0),
+) -> WanderingCone | None:  # fmt: skip
     """Leave every phase free, from a start; None when that leads nowhere."""
-    centre, radius, way = start.centre, start.radius, start.way
+    centre, radius, way, twice = start.centre, start.radius, start.way, np.zeros_like(points)
     count = len(points)
     step = float(np.median(np.diff(start.phases) / np.diff(numbers)))
-    sizes, scales = (a.ravel() for a in np.meshgrid(_WAYS, _NOISES, indexing="ij"))
+    sizes, scales, leans = (a.ravel() for a in np.meshgrid(_WAYS, _NOISES, harmonics, indexing="ij"))
     for _ in range(_ITERATIONS):
         off = points - centre
-        lean = off - way
+        lean = off - way - twice
         outward = lean / np.linalg.norm(lean, axis=1, keepdims=True)
         phases = _phases(lean, step * numbers)
         kernel = _kernel(phases / (2.0 * math.pi))
         variance = np.einsum("na,nab,nb->n", outward, noise, outward)
-        shared = (outward @ outward.T) * kernel
-        total = (sizes**2)[:, None, None] * shared + (scales**2)[:, None, None] * np.diag(variance)
+        basis = _round_twice(phases, gains)
+        outwards = np.einsum("bna,na->bn", basis, outward)
+        total = (sizes**2)[:, None, None] * (kernel * (outward @ outward.T))
+        total = total + (leans**2)[:, None, None] * (outwards.T @ outwards)
+        total = total + (scales**2)[:, None, None] * np.diag(variance)
         missing = np.einsum("na,na->n", outward, off) - radius
         design = np.column_stack([outward, np.ones(count)])
         right = np.broadcast_to(np.column_stack([design, missing]), (len(sizes), count, 4))
@@ -208,31 +253,36 @@ def _free(points: Array, noise: Array, numbers: Array, start: WanderingCone) -> 
         weight /= weight.sum()
         move = weight @ steps
         pull = (weight * sizes**2) @ weighted
-        before, way = way, kernel @ (outward * pull[:, None])
+        before, way = way + twice, kernel @ (outward * pull[:, None])
+        twice = np.einsum("bna,b->na", basis, outwards @ ((weight * leans**2) @ weighted))
         centre, radius = centre + move[:2], radius + float(move[2])
         if not 0.0 < radius <= _LARGEST:
             return None
-        if max(np.abs(way - before).max(), np.abs(move).max()) < _SETTLED:
+        if max(np.abs(way + twice - before).max(), np.abs(move).max()) < _SETTLED:
             break
     else:
         return None
     spread = np.einsum("m,ma,mb->ab", weight, steps - move, steps - move)
-    across = weight @ _across(outward, sizes, kernel, solved, design, covariance, total)
+    across = weight @ _across(outward, sizes, leans, kernel, basis, solved, design, covariance, total)
     rest = ((weight * scales**2) @ weighted) * variance
     return WanderingCone(
         centre, radius, way, phases, True, np.einsum("m,mab->ab", weight, covariance) + spread, across,
-        float(np.sqrt(np.mean(rest**2))),
+        float(np.sqrt(np.mean(rest**2))), twice,
     )  # fmt: skip
 
 
 def _across(
-    outward: Array, sizes: Array, kernel: Array, solved: Array, design: Array, covariance: Array, total: Array
-) -> Array:
+    outward: Array, sizes: Array, leans: Array, kernel: Array, basis: Array, solved: Array, design: Array,
+    covariance: Array, total: Array,
+) -> Array:  # fmt: skip
     """(M, N) variance of every axis across its lean by each hypothesis: prior, less what distances tell."""
     aside = np.column_stack([-outward[:, 1], outward[:, 0]])
+    asides, outwards = (np.einsum("bna,na->bn", basis, along) for along in (aside, outward))
     seen = (sizes**2)[:, None, None] * (kernel * (aside @ outward.T))  # of axis k in distance j
+    seen = seen + (leans**2)[:, None, None] * (asides.T @ outwards)
     told = np.linalg.solve(total, np.swapaxes(seen, 1, 2))
-    prior = (sizes**2)[:, None] * np.diag(kernel) - np.einsum("mkj,mjk->mk", seen, told)
+    prior = (sizes**2)[:, None] * np.diag(kernel) + (leans**2)[:, None] * np.square(asides).sum(axis=0)
+    prior = prior - np.einsum("mkj,mjk->mk", seen, told)
     lever = np.column_stack([aside, np.zeros(len(aside))]) - np.einsum("mkj,mja->mka", seen, solved[:, :, :3])
     out: Array = prior + np.einsum("mka,mab,mkb->mk", lever, covariance, lever)
     return out

@@ -130,6 +130,60 @@ def test_what_the_least_turn_asks_for_keeps_a_tenth_of_a_minute(least_deg: float
     assert (np.abs(ratio) <= 2.0).mean() >= 0.9
 
 
+@pytest.mark.parametrize(("leans_arcmin", "most"), [(0.1, 0.12), (0.5, 0.12), (1.5, 0.25)])
+def test_a_plane_that_leans_twice_per_turn_costs_little_accuracy(leans_arcmin: float, most: float) -> None:
+    """A second harmonic before three even heads: half of such wheels were refused as not slow."""
+    off, ratio, told = [], [], []
+    for seed in range(30):
+        side: Side = "left" if seed % 2 else "right"
+        planes, axes = exposures(np.random.default_rng([3, seed]), side=side)
+        phases = [
+            math.atan2(m.toe - toe, m.camber - camber) for m, (camber, toe) in zip(planes, axes, strict=True)
+        ]
+        lean = leans_arcmin * ARCMIN * np.exp(-2j * np.array(phases) + 1j * seed)
+        planes = [
+            replace(m, camber=m.camber + z.real, toe=m.toe + z.imag)
+            for m, z in zip(planes, lean, strict=True)
+        ]
+        found = accepted(fit_series(planes, side, RULES))
+        off.append(np.array([found.camber, found.toe]) - mean_axis(axes, side))
+        ratio.append(off[-1] / (found.camber_u, found.toe_u))
+        told.append(found.twice or 0.0)
+    assert np.quantile(np.abs(off), 0.95) / ARCMIN <= most
+    assert (np.abs(ratio) <= 2.0).mean() >= 0.92
+    if leans_arcmin >= 0.5:
+        assert np.median(told) / ARCMIN == pytest.approx(leans_arcmin, rel=0.3)
+
+
+def seen_by_heads(heads: np.ndarray, phase: float, size: float, start: float) -> np.ndarray:
+    """How the plane of three heads leans, to the top and counter-clockwise, by a second harmonic."""
+    design = np.column_stack([np.ones(3), np.cos(heads), np.sin(heads)])
+    return np.linalg.solve(design, size * np.cos(2.0 * (heads - phase) + start))[1:]
+
+
+@pytest.mark.parametrize("angles", [(0.0, 120.0, 240.0), (0.0, 105.0, 255.0), (-60.0, 0.0, 60.0)])
+def test_a_second_harmonic_is_told_from_the_axis_by_where_the_heads_look(angles: tuple[float, ...]) -> None:
+    """What leans with the turn looks like another axis, unless it is tied to what leans against it."""
+    heads, off, ratio, blind = np.radians(angles), [], [], []
+    for seed in range(20):
+        planes, axes = exposures(np.random.default_rng([4, seed]), side="left")
+        seen = []
+        for m, (camber, toe) in zip(planes, axes, strict=True):
+            phase = math.atan2(m.toe - toe, camber - m.camber)
+            top, ccw = seen_by_heads(heads, phase, 0.3 * ARCMIN, float(seed))
+            seen.append(replace(m, camber=m.camber - top, toe=m.toe + ccw))
+        found = accepted(fit_series(seen, "left", RULES, heads=heads))
+        off.append(np.array([found.camber, found.toe]) - mean_axis(axes, "left"))
+        ratio.append(off[-1] / (found.camber_u, found.toe_u))
+        without = fit_series(seen, "left", RULES)
+        if isinstance(without, SpinMeasurement):
+            blind.append(np.array([without.camber, without.toe]) - mean_axis(axes, "left"))
+    assert np.quantile(np.abs(off), 0.95) / ARCMIN <= 0.25
+    assert (np.abs(ratio) <= 2.0).mean() >= 0.9
+    if angles[1] != 120.0 and blind:
+        assert np.square(off).mean() < np.square(blind).mean()
+
+
 @pytest.mark.parametrize("run_out_arcmin", [1.0, 2.0, 5.0])
 def test_a_run_out_smaller_than_the_wander_is_told_by_its_steady_turn(run_out_arcmin: float) -> None:
     off, ratio = errors(25, run_out=run_out_arcmin * ARCMIN)

@@ -26,6 +26,9 @@ def test_cycles_of_turning_wheels_are_answered_and_keep_nothing(tmp_path: Path) 
     found = run_turning(tmp_path, dbc, 12, planes_station(1), 0.0)
     assert set(found.outcomes) == {Outcome.OK}
     assert all(0.0 < answer_s < 30.0 for answer_s in found.answer_s)
+    # What the processor worked for each answer does not depend on what else the computer does.
+    assert len(found.cpu_s) == 12
+    assert all(0.0 < cpu_s < 5.0 for cpu_s in found.cpu_s)
     # One series of images of real cameras would be a hundred megabytes, one exposure eight.
     assert found.growth_mb(4) <= 5.0
 
