@@ -7,13 +7,13 @@ Both settle where the joint problem has its solution.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_lsq_spline
 
 from alignment import robust
 from alignment.arrays import Array
@@ -22,6 +22,7 @@ from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import nearest_candidates
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves
 from alignment.wheel.load_cells import Cells, condense, local_weights
+from alignment.wheel.load_hypothesis import spline_basis
 from alignment.wheel.load_model import LoadModel, fit_load, side_force_seen
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_steps import frame_of
@@ -31,11 +32,8 @@ _ROUNDS = 7
 _KNOWN = 2  # round from which the likeliest hypothesis alone is followed
 _AXIS_ROUNDS, _LOOK_ELSEWHERE = 8, 2
 _FAR_MM = 4.0  # by which the axis of a surface without load may be off
-_PROFILE_STEP, _PROFILE_ROUNDS, _LEAST_WEIGHT = (
-    4.0,
-    4,
-    1e-4,
-)  # mm; smooth, for its slope tells the place of the axis
+_PROFILE_STEP, _PROFILE_ROUNDS = 4.0, 4  # mm; smooth, for its slope tells the place of the axis
+_STIFF, _FEWEST_OF_PROFILE = 1e-3, 100  # of second differences, beside points; and points
 _NEAR = 1e-4  # radians, 0.3′; an axis that turns by less is where its surface can be fitted
 _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
@@ -226,8 +224,11 @@ def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> _Fo
 
 def _pushed(seen: _Seen, fit: RevolutionFit) -> _Found | None:
     """The same with side force."""
-    starts = [_foreseen(seen, start) for start in (_by_one_head(seen, fit), fit)]
-    found = [each for each in starts if each is not None]
+    found = []
+    for by_one_head in (True, False):
+        with contextlib.suppress(DegenerateInputError):
+            each = _foreseen(seen, _by_one_head(seen, fit) if by_one_head else fit)
+            found += [] if each is None else [each]
     if not found:
         return None
     # A fit may end in a wrong place, where much of the wheel passes for letters.
@@ -272,24 +273,38 @@ def _by_one_head(seen: _Seen, fit: RevolutionFit) -> RevolutionFit:
 
 
 def about(fit: RevolutionFit, normal: Array, centre: Array, points: Array) -> RevolutionFit:
-    """Return the surface about another axis, with the profile of points (n, 3) on it, letters left out."""
+    """Return the surface about another axis, with the profile of points (n, 3) on it, letters left out.
+
+    Raises
+    ------
+    DegenerateInputError
+        When there are hardly any points.
+    """
     frame = frame_of(normal)
-    x, y, z = frame @ (points - centre).T
+    x, y, z = frame @ (points[np.isfinite(points).all(axis=1)] - centre).T
+    if len(z) < _FEWEST_OF_PROFILE:
+        raise DegenerateInputError(
+            field="points", expected=f"at least {_FEWEST_OF_PROFILE} of a profile", seen=str(len(z))
+        )
     radius = np.hypot(x, y)
-    order = np.argsort(radius)
-    radius, z = radius[order], z[order]
-    start, step = radius[0] - 1e-6, _PROFILE_STEP
-    count = math.ceil((radius[-1] - start) / step + 1e-6)
-    knots = start + step * np.arange(-3, count + 4)
+    start = float(radius.min())
+    count = math.ceil((float(radius.max()) - start) / _PROFILE_STEP + 1e-6) + 3
+    middles: Array = start + _PROFILE_STEP * np.arange(-1.0, count - 1.0)
+    basis = spline_basis(radius, middles)
+    # Where no line lies the profile goes on as straight as it can.
+    bend = np.diff(np.eye(count), n=2, axis=0)
     weight = np.ones(len(z))
+    profile = np.zeros(count)
     for _ in range(_PROFILE_ROUNDS):
-        spline = make_lsq_spline(radius, z, knots, k=3, w=np.sqrt(np.maximum(weight, _LEAST_WEIGHT)))
-        off = np.abs(z - spline(radius))
+        weighted = weight * basis.T
+        normal_matrix = weighted @ basis + _STIFF * bend.T @ bend
+        profile = np.asarray(np.linalg.solve(normal_matrix, weighted @ z), dtype=np.float64)
+        off = np.abs(z - basis @ profile)
         scale = robust.BIWEIGHT * max(robust.DEVIATION_OF_MEDIAN * float(np.median(off)), 1e-6)
         weight = np.square(1.0 - np.minimum(np.square(off / scale), 1.0))
     return replace(
-        fit, normal=frame[2], centre=centre, tilt_axes=frame[:2], knots_start=float(start), knots_step=step,
-        profile=np.asarray(spline.c, dtype=np.float64),
+        fit, normal=frame[2], centre=centre, tilt_axes=frame[:2], knots_start=start,
+        knots_step=_PROFILE_STEP, profile=profile,
     )  # fmt: skip
 
 
