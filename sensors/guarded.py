@@ -121,8 +121,12 @@ class GuardedCamera:
 
     @property
     def serial(self) -> str | None:
-        """Serial number of the camera that was seen first."""
+        """Serial number that is expected: of the camera that was calibrated, or else was seen first."""
         return self._known.serial
+
+    def expect(self, serial: str) -> None:
+        """Believe in this serial number before anything is seen."""
+        self._known.expect(serial)
 
     @property
     def statistics(self) -> CameraStatistics:

@@ -3,5 +3,6 @@ from .limits import HealthLimits as HealthLimits
 from .observer import WatchingObserver as WatchingObserver
 from .trends import Trend as Trend
 from .trends import trends as trends
+from .watch import CalibrationUsed as CalibrationUsed
 from .watch import CameraWatch as CameraWatch
 from .watch import WatchedCamera as WatchedCamera

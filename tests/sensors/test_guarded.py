@@ -280,6 +280,17 @@ def test_another_camera_that_answers_is_refused_whatever_it_sends(
     shoot(ready(camera))
 
 
+def test_camera_that_was_calibrated_is_expected_from_the_first_frame_on(
+    camera: GuardedCamera, device: Device
+) -> None:
+    camera.expect("40111111")
+    assert camera.place.endswith("serial 40111111")
+    with pytest.raises(CameraConnectionError, match="expected serial number 40111111, found 40123456"):
+        shoot(ready(camera))
+    device.serial = "40111111"
+    shoot(ready(camera))
+
+
 def test_changed_setting_is_told_and_set_again_by_arming(camera: GuardedCamera, device: Device) -> None:
     shoot(ready(camera))
     device.exposure_ms = 5.2
