@@ -213,27 +213,37 @@ class GuardedCamera:
             When too many calls hang, or one that cannot be done without.
         """
         hung = self.left_behind
-        if self._stuck is not None and self._stuck.alive:
-            if self._make is None:
-                raise CameraConnectionError(
-                    self.name,
-                    f"{self._lost}, and still has not",
-                    "Cut the camera's power for a moment; if that does not help, start the station anew",
-                )
-            if hung >= MOST_LEFT:
-                raise CameraConnectionError(
-                    self.name,
-                    f"its driver did not come back from {count_of(hung, 'call')}",
-                    "Start the station anew, check power and cable of the camera, and tell the makers of its "
-                    "driver",
-                )
+        if hung >= MOST_LEFT:
+            raise CameraConnectionError(
+                self.name,
+                f"its driver did not come back from {count_of(hung, 'call')}",
+                "Start the station anew, check the camera's power, and tell the makers of its driver",
+            )
+        stuck = self._stuck is not None and self._stuck.alive
+        if stuck and self._make is None:
+            raise CameraConnectionError(
+                self.name,
+                f"{self._lost}, and still has not",
+                "Cut the camera's power for a moment; if that does not help, start the station anew",
+            )
         self._thread = DriverThread(f"camera {self.name}", self._wait)
-        if self._stuck is not None:
-            if self._stuck.alive and self._make is not None:
-                self._camera = self._call(_MAKE, self._bounds.call_s, self._make)
+        if stuck:
+            assert self._make is not None
+            self._camera = self._made(self._make)
+        if self._lost is not None:
             self.counts.reconnected += 1
             self._asked_s = None
         self._stuck = self._lost = None
+
+    def _made(self, make: Callable[[], Camera]) -> Camera:
+        """Another driver object; where it cannot be had the one before is not touched."""
+        try:
+            return self._call(_MAKE, self._bounds.call_s, make)
+        except BaseException:
+            if self._thread is not None:
+                self._thread.end()
+                self._thread = None
+            raise
 
     def _close(self) -> None:
         if self._thread is None:

@@ -191,6 +191,34 @@ def test_making_of_a_driver_object_may_hang_too(device: Device, patience: Patien
     camera.close()
 
 
+def test_object_that_hangs_is_not_touched_where_no_other_can_be_made(
+    device: Device, patience: Patience
+) -> None:
+    made: list[str] = []
+
+    def make() -> ScriptedCamera:
+        made.append("tried")
+        raise OSError("no licence")
+
+    camera = ready(GuardedCamera(ScriptedCamera(device), make, BOUNDS, patience))
+    device.hangs.add("trigger")
+    with pytest.raises(CameraConnectionError):
+        camera.trigger()
+    calls = len(device.calls)
+    for _ in range(5):
+        with pytest.raises(OSError, match="no licence"):
+            camera.connect()
+        camera.note_failure(CameraError(device.name, "no licence"))
+    assert len(device.calls) == calls
+    assert len(threads()) == 1
+    device.hangs.clear()
+    device.go_on.set()
+    assert_no_threads()
+    assert shoot(ready(camera)).trigger_counter == 1
+    assert len(made) == 5
+    camera.close()
+
+
 def test_never_two_calls_at_once_whoever_calls(device: Device) -> None:
     """The end of the station closes cameras while a wheel's thread still waits for a frame."""
     camera = ready(GuardedCamera(ScriptedCamera(device), None, BOUNDS))
