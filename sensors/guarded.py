@@ -189,6 +189,25 @@ class GuardedCamera:
             self.counts.frames += 1
         return frame
 
+    def ask(self, what: str, question: Callable[[Camera], _T]) -> _T:
+        """Make another call of the driver than those of every camera, in its thread and within its bound.
+
+        Parameters
+        ----------
+        what
+            For the message, where it does not come back.
+        question
+            Is given the driver's own camera object; what it returns or raises comes back.
+
+        Raises
+        ------
+        CameraConnectionError
+            When it does not come back, or the camera is not connected.
+        """
+        with self._turn():
+            self._require_connection()
+            return self._call(what, self._bounds.call_s, question, self._camera)
+
     def close(self) -> None:
         """Let the camera go; see `Camera.close`. One whose driver hangs is let go by its thread, if ever."""
         with self._turn():

@@ -376,6 +376,22 @@ def test_statistics_are_asked_for_once_in_a_while_and_harm_nothing(device: Devic
     camera.close()
 
 
+def test_what_only_one_driver_can_is_asked_in_its_thread_and_within_its_bound(
+    camera: GuardedCamera, device: Device, patience: Patience
+) -> None:
+    with pytest.raises(CameraConnectionError, match="is not connected"):
+        camera.ask("strobe", lambda own: own.name)
+    ready(camera)
+    assert camera.ask("strobe", lambda own: (type(own), threading.current_thread().name)) == (
+        ScriptedCamera,
+        f"camera {device.name}",
+    )
+    device.hangs.add("statistics")
+    with pytest.raises(CameraConnectionError, match="did not come back from strobe within 10 s"):
+        camera.ask("strobe", lambda own: own.statistics())  # type: ignore[attr-defined]
+    assert patience.bounds_s == [10.0]
+
+
 def test_thousand_reconnects_leave_no_thread_and_no_memory_behind(device: Device, patience: Patience) -> None:
     camera = GuardedCamera(ScriptedCamera(device), device.make, BOUNDS, patience)
 
