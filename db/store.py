@@ -30,6 +30,7 @@ from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
     CameraFigure,
+    CameraSerial,
     CycleRecord,
     EventRecord,
     GaugeStudyRecord,
@@ -50,6 +51,7 @@ from db.rows import (
     ZEROS,
     Head,
     add_figures,
+    add_serials,
     changed,
     first_figures,
     key_of,
@@ -59,6 +61,7 @@ from db.rows import (
     read_cycles,
     read_zeros,
     record_of,
+    serials,
     write_record,
 )
 from db.schema import (
@@ -243,6 +246,16 @@ class ResultStore:
         """Figures of the first shots after each calibration, with which the others are compared."""
         with self._transaction() as connection:
             return first_figures(connection, station)
+
+    def add_camera_serials(self, station: str, added: Sequence[CameraSerial]) -> None:
+        """Store which camera was seen first with each calibration; what is stored stays."""
+        with self._transaction(writes=True) as connection:
+            add_serials(connection, station, added)
+
+    def camera_serials(self, station: str) -> tuple[CameraSerial, ...]:
+        """Which cameras were seen first with each calibration of a station."""
+        with self._transaction() as connection:
+            return serials(connection, station)
 
     def plan_study(self, record: GaugeStudyRecord) -> None:
         """Store a gauge study as planned; its values follow with `record_study_values`."""

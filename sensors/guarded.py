@@ -121,8 +121,12 @@ class GuardedCamera:
 
     @property
     def serial(self) -> str | None:
-        """Serial number of the camera that was seen first."""
+        """Serial number that is expected: of the camera that was calibrated, or else was seen first."""
         return self._known.serial
+
+    def expect(self, serial: str) -> None:
+        """Believe in this serial number before anything is seen."""
+        self._known.expect(serial)
 
     @property
     def statistics(self) -> CameraStatistics:
@@ -185,6 +189,25 @@ class GuardedCamera:
             self.counts.frames += 1
         return frame
 
+    def ask(self, what: str, question: Callable[[Camera], _T]) -> _T:
+        """Make another call of the driver than those of every camera, in its thread and within its bound.
+
+        Parameters
+        ----------
+        what
+            For the message, where it does not come back.
+        question
+            Is given the driver's own camera object; what it returns or raises comes back.
+
+        Raises
+        ------
+        CameraConnectionError
+            When it does not come back, or the camera is not connected.
+        """
+        with self._turn():
+            self._require_connection()
+            return self._call(what, self._bounds.call_s, question, self._camera)
+
     def close(self) -> None:
         """Let the camera go; see `Camera.close`. One whose driver hangs is let go by its thread, if ever."""
         with self._turn():
@@ -209,27 +232,37 @@ class GuardedCamera:
             When too many calls hang, or one that cannot be done without.
         """
         hung = self.left_behind
-        if self._stuck is not None and self._stuck.alive:
-            if self._make is None:
-                raise CameraConnectionError(
-                    self.name,
-                    f"{self._lost}, and still has not",
-                    "Cut the camera's power for a moment; if that does not help, start the station anew",
-                )
-            if hung >= MOST_LEFT:
-                raise CameraConnectionError(
-                    self.name,
-                    f"its driver did not come back from {count_of(hung, 'call')}",
-                    "Start the station anew, check power and cable of the camera, and tell the makers of its "
-                    "driver",
-                )
+        if hung >= MOST_LEFT:
+            raise CameraConnectionError(
+                self.name,
+                f"its driver did not come back from {count_of(hung, 'call')}",
+                "Start the station anew, check the camera's power, and tell the makers of its driver",
+            )
+        stuck = self._stuck is not None and self._stuck.alive
+        if stuck and self._make is None:
+            raise CameraConnectionError(
+                self.name,
+                f"{self._lost}, and still has not",
+                "Cut the camera's power for a moment; if that does not help, start the station anew",
+            )
         self._thread = DriverThread(f"camera {self.name}", self._wait)
-        if self._stuck is not None:
-            if self._stuck.alive and self._make is not None:
-                self._camera = self._call(_MAKE, self._bounds.call_s, self._make)
+        if stuck:
+            assert self._make is not None
+            self._camera = self._made(self._make)
+        if self._lost is not None:
             self.counts.reconnected += 1
             self._asked_s = None
         self._stuck = self._lost = None
+
+    def _made(self, make: Callable[[], Camera]) -> Camera:
+        """Another driver object; where it cannot be had the one before is not touched."""
+        try:
+            return self._call(_MAKE, self._bounds.call_s, make)
+        except BaseException:
+            if self._thread is not None:
+                self._thread.end()
+                self._thread = None
+            raise
 
     def _close(self) -> None:
         if self._thread is None:

@@ -14,8 +14,8 @@ class KnownCamera:
     """What was seen of one camera since the program started; every frame is compared with it.
 
     A camera is calibrated by its place: another one there, or one that is set otherwise, gives good pictures
-    and wrong angles. What is seen first is believed: whoever changes a camera on purpose calibrates the rig
-    and starts the station anew.
+    and wrong angles. What is seen first is believed, unless a serial number is expected: whoever changes a
+    camera on purpose calibrates the rig and starts the station anew.
 
     Parameters
     ----------
@@ -31,12 +31,19 @@ class KnownCamera:
         self._told_when_seen: CameraSettings | None = None
         self._seen: SettingsInForce | None = None
         self._size = size
+        self._expected: str | None = None
         self._was_whole = False
 
     @property
     def serial(self) -> str | None:
-        """Serial number; None before the first frame, and where the driver cannot read it."""
+        """Serial number that is expected; None before the first frame, and where it cannot be read."""
+        if self._expected is not None:
+            return self._expected
         return None if self._seen is None else self._seen.serial_number
+
+    def expect(self, serial: str) -> None:
+        """Believe in this serial number before anything is seen: it was calibrated here."""
+        self._expected = serial
 
     @property
     def in_force(self) -> SettingsInForce | None:
@@ -78,12 +85,11 @@ class KnownCamera:
         self._was_whole = shape == whole
 
     def _check_settings(self, now: SettingsInForce) -> None:
-        seen = self._seen
-        if seen is not None and now.serial_number != seen.serial_number:
+        seen, serial = self._seen, self.serial
+        if serial is not None and now.serial_number != serial:
             raise CameraConnectionError(
                 self._name,
-                f"another camera answers: expected serial number {seen.serial_number}, "
-                f"found {now.serial_number}",
+                f"another camera answers: expected serial number {serial}, found {now.serial_number}",
                 "Connect the camera that was calibrated here, or calibrate and start the station anew",
             )
         changes = [] if self._told is None else _not_as_told(self._told, now)

@@ -1,7 +1,7 @@
 """The values that go into a database and come out."""
 
 from db.records.angle_verdicts import AngleVerdict, LimitSide, Verdict, judge_angle, missed_limit
-from db.records.cameras import HOUR_S, CameraFigure
+from db.records.cameras import HOUR_S, CameraFigure, CameraSerial
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
@@ -66,6 +66,7 @@ __all__ = [
     "CalibrationCheckRecord",
     "CalibrationRecord",
     "CameraFigure",
+    "CameraSerial",
     "CheckKind",
     "CheckOutcome",
     "CycleOutcome",

@@ -59,3 +59,25 @@ class CameraFigure:
         mean = math.fsum((self.n * self.mean, other.n * other.mean)) / n
         # Rounding must not carry a mean of equal values past them.
         return CameraFigure(*self.which, n, min(max(mean, low), high), low, high)
+
+
+@dataclass(frozen=True)
+class CameraSerial:
+    """Which camera stood at a place when a calibration was used first.
+
+    Attributes
+    ----------
+    camera
+        Name of the place, ``front_left/head_2/right``.
+    calibration_id
+        Of its rig.
+    serial
+        Serial number of the camera.
+    """
+
+    camera: str
+    calibration_id: str
+    serial: str
+
+    def __post_init__(self) -> None:
+        check_values(self)

@@ -1,6 +1,6 @@
 """Records to rows and back, and the chain of hashes that links them; nobody outside db uses it."""
 
-from db.rows.cameras import KEPT_HOURS, add_figures, figure_of, first_figures
+from db.rows.cameras import KEPT_HOURS, add_figures, add_serials, figure_of, first_figures, serials
 from db.rows.chain import (
     FILLED,
     NOTHING_BEFORE,
@@ -56,6 +56,7 @@ __all__ = [
     "ZEROS",
     "Head",
     "add_figures",
+    "add_serials",
     "as_before",
     "changed",
     "content_names",
@@ -77,6 +78,7 @@ __all__ = [
     "record_rows",
     "row_name",
     "rows_text",
+    "serials",
     "write_cycles",
     "write_record",
 ]

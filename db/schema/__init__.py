@@ -7,7 +7,7 @@ the tables of `CHANGING` are kept up to date instead.
 """
 
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
-from db.schema.cameras import camera_history
+from db.schema.cameras import camera_history, camera_serials
 from db.schema.chain import chain_links
 from db.schema.geometry import geometry_results
 from db.schema.levels import part_column, results_of
@@ -44,6 +44,7 @@ CHANGING = (
     shipments,
     station_leases,
     camera_history,
+    camera_serials,
 )
 
 # Holds nothing that is not in a table of records.
@@ -61,6 +62,7 @@ __all__ = [
     "calibration_checks",
     "calibrations",
     "camera_history",
+    "camera_serials",
     "chain_links",
     "counted_categories",
     "cycles",

@@ -26,8 +26,8 @@ camera_history = Table(
     Column("mean", Double, nullable=False),
     Column("minimum", Double, nullable=False),
     Column("maximum", Double, nullable=False),
-    # Serves the trend of a camera, and the row that the next figures are added to.
-    PrimaryKeyConstraint("station_id", "camera", "figure", "hours", "start"),
+    # Serves the rows of this hour and day, to which the next figures are added, and "what is older than".
+    PrimaryKeyConstraint("station_id", "hours", "start", "camera", "figure"),
     check("camera_not_empty", "camera <> ''"),
     check("figure_not_empty", "figure <> ''"),
     check("possible_span", "hours IN (0, 1, 24)"),
@@ -40,5 +40,21 @@ camera_history = Table(
         "mean <= maximum",
         "maximum <= 1e12",
     ),
+    sqlite_with_rowid=False,
+)
+
+# Which camera stood where when a calibration was used first: another one there was never calibrated.
+camera_serials = Table(
+    "camera_serials",
+    metadata,
+    Column("station_id", ForeignKey(stations.c.id), nullable=False),
+    Column("camera", Text, nullable=False),
+    Column("calibration_id", Text, nullable=False),
+    Column("serial", Text, nullable=False),
+    # Serves the comparison with the camera that answers.
+    PrimaryKeyConstraint("station_id", "camera", "calibration_id"),
+    check("camera_not_empty", "camera <> ''"),
+    check("calibration_not_empty", "calibration_id <> ''"),
+    check("serial_not_empty", "serial <> ''"),
     sqlite_with_rowid=False,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from types import TracebackType
@@ -19,6 +20,8 @@ from station.cycle.wheel_runs import run_wheels
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import AxisKind, Command, ErrorCode, LiveAngles, LiveState, Stop
 
+_REST_S = 0.2
+"""Before a wheel whose cameras failed is tried again: its driver may fail at once, for minutes."""
 _NO_RUN_OUT = "the series before the adjusting told no run-out of this wheel"
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
 
@@ -152,6 +155,8 @@ class Adjusting:
         self._last_s = last_s
         self.late: tuple[WheelPosition, ...] = ()
         self.armed = set(before.lives)
+        self._ending = threading.Event()
+        self._dark: set[str] = set()
         self._shots = {position.name: 0 for position in positions}
         self._running = {self._begin(position): position for position in positions}
 
@@ -161,6 +166,7 @@ class Adjusting:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._ending.set()
         # The cameras are needed for the measurement that counts.
         _, late = wait(self._running, self._last_s)
         self._threads.leave(late)
@@ -172,9 +178,17 @@ class Adjusting:
         for future in done:
             position = self._running.pop(future)
             result, started_s = self._result(future, position)
+            self._remember(result)
             self._shots[position.name] = (self._shots[position.name] + 1) % 256
             self._line.publish_live(self._live(result), started_s)
             self._running[self._begin(position)] = position
+
+    def _remember(self, result: WheelResult) -> None:
+        failure = result.failure
+        if failure is not None and failure.error_code is ErrorCode.CAMERA_FAULT:
+            self._dark.add(result.wheel)
+        else:
+            self._dark.discard(result.wheel)
 
     def _begin(self, position: WheelPosition) -> Future[tuple[WheelResult, float]]:
         return self._threads.submit(position.name, self._measure, position)
@@ -190,6 +204,8 @@ class Adjusting:
             return position.failed(fault(ErrorCode.INTERNAL_FAULT, text)), self._clock()
 
     def _measure(self, position: WheelPosition) -> tuple[WheelResult, float]:
+        if position.name in self._dark:
+            self._ending.wait(_REST_S)
         # The angles are as old as the moment before the exposure, at most.
         started_s = self._clock()
         try:

@@ -46,6 +46,7 @@ class Retaking:
         self._within_s, self._clock = within_s, clock
         self._begun_s = clock()
         self._used: str | None = None
+        self._said: str | None = None
 
     def begin(self) -> None:
         """Count the time from now on, and allow one repetition."""
@@ -63,14 +64,18 @@ class Retaking:
             rig.arm()
         except TruewheelError as error:
             self._ready_again(rig, error)
+        else:
+            self._said = None
 
     def done(self, rig: Reached, action: Callable[[], _T]) -> _T:
         """Do something with an armed rig; raises what it does the second time."""
         try:
-            return action()
+            done = action()
         except TruewheelError as error:
             self._ready_again(rig, error)
-        return action()
+            return action()
+        self._said = None
+        return done
 
     def _ready_again(self, rig: Reached, error: TruewheelError) -> None:
         """Make the rig ready for another attempt, or raise the error where there is none."""
@@ -79,7 +84,10 @@ class Retaking:
         if not failures or late or self._used is not None:
             raise error
         self._used = f"{rig.name}: done again after {error}"
-        _LOG.warning("%s", self._used)
+        if self._used != self._said:
+            # While a wheel is adjusted the same may fail for minutes.
+            _LOG.warning("%s", self._used)
+        self._said = self._used
         if any(isinstance(failure, CameraConnectionError) for failure in failures):
             rig.connect()
         rig.arm()

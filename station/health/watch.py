@@ -17,7 +17,7 @@ from uuid import UUID
 
 from alignment.errors import LineError, StoreError
 from alignment.values import Refusal, WheelMeasurement
-from db.records import HOUR_S, CameraFigure, Severity
+from db.records import HOUR_S, CameraFigure, CameraSerial, Severity
 from sensors.camera_health import CameraCounts, CameraStatistics
 from sensors.shot import WheelShot
 from station.configuration import HealthOptions
@@ -58,6 +58,15 @@ class WatchedCamera(Protocol):
         """What its driver says of it."""
         ...
 
+    @property
+    def serial(self) -> str | None:
+        """Serial number that is expected; None where none was seen yet."""
+        ...
+
+    def expect(self, serial: str) -> None:
+        """Believe in a serial number."""
+        ...
+
 
 class FigureStore(Protocol):
     """What is needed of the database."""
@@ -66,8 +75,23 @@ class FigureStore(Protocol):
         """Join figures with what is stored."""
         ...
 
+    def add_camera_serials(self, station: str, added: tuple[CameraSerial, ...]) -> None:
+        """Store serial numbers that are not known yet."""
+        ...
+
 
 Note = Callable[[Severity, str, str, UUID | None], object]
+
+
+@dataclass(frozen=True)
+class CalibrationUsed:
+    """A calibration in force: its id, and when it was made, whole hours since 1970."""
+
+    id: str
+    hour: int
+
+
+_UNCALIBRATED = CalibrationUsed("", 0)
 
 
 @dataclass(frozen=True)
@@ -99,14 +123,31 @@ class _Seen:
 
 @dataclass
 class _Places:
-    """Where cameras stand, and when the calibration that they belong to was made, in hours since 1970."""
+    """Where cameras stand, and the calibrations that they belong to."""
 
     cameras: Mapping[str, WatchedCamera]
-    calibrated: Mapping[str, int]
+    calibrated: Mapping[str, CalibrationUsed]
     seen: dict[str, _Seen] = field(default_factory=dict)
+    serials: set[str] = field(default_factory=set)
 
-    def hour_of_calibration(self, camera: str) -> int:
-        return self.calibrated.get(camera.partition("/")[0], 0)
+    def calibration_of(self, camera: str) -> CalibrationUsed:
+        return self.calibrated.get(camera.partition("/")[0], _UNCALIBRATED)
+
+    def expect(self, known: Iterable[CameraSerial]) -> None:
+        """Let each camera be the one that its calibration was used with first."""
+        for one in known:
+            camera = self.cameras.get(one.camera)
+            if camera is not None and one.calibration_id == self.calibration_of(one.camera).id:
+                camera.expect(one.serial)
+                self.serials.add(one.camera)
+
+    def new_serials(self) -> tuple[CameraSerial, ...]:
+        """Of cameras that were seen for the first time with their calibration."""
+        return tuple(
+            CameraSerial(name, self.calibration_of(name).id, camera.serial)
+            for name, camera in self.cameras.items()
+            if name not in self.serials and camera.serial and self.calibration_of(name).id
+        )
 
 
 class CameraWatch:
@@ -125,9 +166,11 @@ class CameraWatch:
     cameras
         Guarded ones; others have images to judge by, and no counts.
     calibrated
-        When the calibration of each rig was made, whole hours since 1970.
+        The calibration of each rig.
     first
         Figures of the first shots after a calibration, as stored.
+    serials
+        Which camera was seen first with each calibration, as stored; another one is a camera fault.
     clock
         Monotonic seconds.
     """
@@ -139,17 +182,19 @@ class CameraWatch:
         store: FigureStore,
         note: Note,
         cameras: Iterable[WatchedCamera],
-        calibrated: Mapping[str, int],
+        calibrated: Mapping[str, CalibrationUsed],
         first: Iterable[CameraFigure] = (),
+        serials: Iterable[CameraSerial] = (),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._warn, self._stop = HealthLimits(options), HealthLimits(options, stop=True)
         self._station, self._store, self._note = station, store, note
         self._places = _Places({camera.name: camera for camera in cameras}, dict(calibrated))
+        self._places.expect(serials)
         self._clock = clock
         self._states: dict[tuple[str, str], _State] = {}
         for figure in first:
-            if figure.start == self._places.hour_of_calibration(figure.camera):
+            if figure.start == self._places.calibration_of(figure.camera).hour:
                 self._state(figure.camera, figure.figure).first = figure
         self._pending: dict[tuple[str, str, int, int], CameraFigure] = {}
         self._waiting: queue.Queue[Taken] = queue.Queue(_MOST_WAITING)
@@ -219,17 +264,19 @@ class CameraWatch:
     def keep(self) -> None:
         """Store what was added; what the database does not take is kept for the next time."""
         self._stored_s = self._clock()
-        figures = tuple(self._pending.values())
-        if not figures:
-            return
+        figures, serials = tuple(self._pending.values()), self._places.new_serials()
         try:
-            self._store.add_camera_figures(self._station, figures)
+            if figures:
+                self._store.add_camera_figures(self._station, figures)
+            if serials:
+                self._store.add_camera_serials(self._station, serials)
         except StoreError as error:
             _LOG.warning("how the cameras are was not stored: %s", error)
             if len(self._pending) > _MOST_PENDING:
                 self._pending.clear()
             return
         self._pending.clear()
+        self._places.serials |= {one.camera for one in serials}
 
     def _step(self, stopping: threading.Event) -> None:
         with contextlib.suppress(queue.Empty):
@@ -245,7 +292,7 @@ class CameraWatch:
         state = self._state(camera, figure)
         state.last.append(value)
         if figure in COMPARED and (state.first is None or state.first.n < _FIRST_SHOTS):
-            start = self._places.hour_of_calibration(camera)
+            start = self._places.calibration_of(camera).hour
             one = CameraFigure.of(camera, figure, 0, start, value)
             state.first = one if state.first is None else state.first.joined(one)
             self._add(one)

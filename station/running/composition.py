@@ -39,7 +39,7 @@ from station.cycle import (
     WheelPosition,
     utc_now,
 )
-from station.health import CameraWatch, WatchingObserver
+from station.health import CalibrationUsed, CameraWatch, WatchingObserver
 from station.line import StationLine
 from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, load_line_database, open_bus
 from station.running.cameras import open_rig, takes_again_within_s
@@ -265,8 +265,11 @@ def _watch(
     rigs: Sequence[tuple[Rig | LitRig, CalibrationInForce]],
 ) -> CameraWatch:
     station = configuration.settings.station.id
-    calibrated = {rig.name: int(known.created_utc.timestamp() // HOUR_S) for rig, known in rigs}
+    calibrated = {
+        rig.name: CalibrationUsed(known.calibration.id, int(known.created_utc.timestamp() // HOUR_S))
+        for rig, known in rigs
+    }
     cameras = [camera for rig, _ in rigs for camera in rig.cameras if isinstance(camera, GuardedCamera)]
-    first = store.results.first_camera_figures(station)
+    first, serials = store.results.first_camera_figures(station), store.results.camera_serials(station)
     note, health = store.background.note, configuration.settings.health
-    return CameraWatch(health, station, store.results, note, cameras, calibrated, first)
+    return CameraWatch(health, station, store.results, note, cameras, calibrated, first, serials)

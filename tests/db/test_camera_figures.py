@@ -8,7 +8,7 @@ import pytest
 
 from alignment.errors import InputError, StoreError
 from db.queries import ResultReader, camera_trends
-from db.records import CameraFigure
+from db.records import CameraFigure, CameraSerial
 from db.rows import KEPT_HOURS
 from db.store import ResultStore
 
@@ -88,3 +88,18 @@ def test_impossible_figures_are_refused_and_nothing_of_them_stored(
         store.add_camera_figures("EOL-1", [shot(40.0, NOON + 1), wrong])
     with ResultReader(database_url) as reader:
         assert camera_trends(reader, "EOL-1") == ()
+
+
+def test_first_camera_of_a_calibration_stays_the_first(
+    database_url: str, open_store: Callable[..., ResultStore]
+) -> None:
+    store = open_store(database_url)
+    first = CameraSerial(CAMERA, "cal-1", "7")
+    store.add_camera_serials("EOL-1", [first, CameraSerial(CAMERA, "cal-1", "8")])
+    store.add_camera_serials(
+        "EOL-1", [CameraSerial(CAMERA, "cal-1", "9"), CameraSerial(CAMERA, "cal-2", "9")]
+    )
+    store.add_camera_serials("EOL-2", [CameraSerial(CAMERA, "cal-1", "1")])
+    store.add_camera_serials("EOL-1", [])
+    assert sorted(store.camera_serials("EOL-1"), key=str) == [first, CameraSerial(CAMERA, "cal-2", "9")]
+    assert store.camera_serials("EOL-3") == ()

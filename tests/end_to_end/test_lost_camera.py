@@ -169,3 +169,6 @@ def test_loose_plug_amid_a_shot_costs_nothing_but_the_time_of_another_and_is_rem
     assert 0.5 < trends["line_width_px"]["first"] < 10.0
     assert trends["line_strength"]["shots"] == 2
     assert trends["row_px"]["newest"] < 0.1
+    bad.serial = "77"
+    with running(configs / "station.toml") as (_, plc):
+        assert measured(plc, 3)["rear_left"] is Outcome.FAULT, "exchanged while the station was off"

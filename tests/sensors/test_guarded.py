@@ -191,6 +191,34 @@ def test_making_of_a_driver_object_may_hang_too(device: Device, patience: Patien
     camera.close()
 
 
+def test_object_that_hangs_is_not_touched_where_no_other_can_be_made(
+    device: Device, patience: Patience
+) -> None:
+    made: list[str] = []
+
+    def make() -> ScriptedCamera:
+        made.append("tried")
+        raise OSError("no licence")
+
+    camera = ready(GuardedCamera(ScriptedCamera(device), make, BOUNDS, patience))
+    device.hangs.add("trigger")
+    with pytest.raises(CameraConnectionError):
+        camera.trigger()
+    calls = len(device.calls)
+    for _ in range(5):
+        with pytest.raises(OSError, match="no licence"):
+            camera.connect()
+        camera.note_failure(CameraError(device.name, "no licence"))
+    assert len(device.calls) == calls
+    assert len(threads()) == 1
+    device.hangs.clear()
+    device.go_on.set()
+    assert_no_threads()
+    assert shoot(ready(camera)).trigger_counter == 1
+    assert len(made) == 5
+    camera.close()
+
+
 def test_never_two_calls_at_once_whoever_calls(device: Device) -> None:
     """The end of the station closes cameras while a wheel's thread still waits for a frame."""
     camera = ready(GuardedCamera(ScriptedCamera(device), None, BOUNDS))
@@ -280,6 +308,17 @@ def test_another_camera_that_answers_is_refused_whatever_it_sends(
     shoot(ready(camera))
 
 
+def test_camera_that_was_calibrated_is_expected_from_the_first_frame_on(
+    camera: GuardedCamera, device: Device
+) -> None:
+    camera.expect("40111111")
+    assert camera.place.endswith("serial 40111111")
+    with pytest.raises(CameraConnectionError, match="expected serial number 40111111, found 40123456"):
+        shoot(ready(camera))
+    device.serial = "40111111"
+    shoot(ready(camera))
+
+
 def test_changed_setting_is_told_and_set_again_by_arming(camera: GuardedCamera, device: Device) -> None:
     shoot(ready(camera))
     device.exposure_ms = 5.2
@@ -335,6 +374,22 @@ def test_statistics_are_asked_for_once_in_a_while_and_harm_nothing(device: Devic
     assert device.calls.count("statistics") == 2
     assert camera.statistics.dropped == 3
     camera.close()
+
+
+def test_what_only_one_driver_can_is_asked_in_its_thread_and_within_its_bound(
+    camera: GuardedCamera, device: Device, patience: Patience
+) -> None:
+    with pytest.raises(CameraConnectionError, match="is not connected"):
+        camera.ask("strobe", lambda own: own.name)
+    ready(camera)
+    assert camera.ask("strobe", lambda own: (type(own), threading.current_thread().name)) == (
+        ScriptedCamera,
+        f"camera {device.name}",
+    )
+    device.hangs.add("statistics")
+    with pytest.raises(CameraConnectionError, match="did not come back from strobe within 10 s"):
+        camera.ask("strobe", lambda own: own.statistics())  # type: ignore[attr-defined]
+    assert patience.bounds_s == [10.0]
 
 
 def test_thousand_reconnects_leave_no_thread_and_no_memory_behind(device: Device, patience: Patience) -> None:

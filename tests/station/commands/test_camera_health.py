@@ -11,7 +11,7 @@ import pytest
 from db.records import CameraFigure
 from db.store import ResultStore
 from station.cli import main
-from station.health.trend import trends
+from station.health.over_time import trends
 
 NOW = int(datetime.now(UTC).timestamp() // 3600)
 TODAY = NOW - NOW % 24

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutEr
 from db.records import CycleOutcome, WheelOutcome
 from sensors.guarded import CallBounds, GuardedCamera
 from sensors.rig import Rig, StereoHead
+from station.cycle.adjusting import _REST_S
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Reset, StationState, Stop
 from tests.documents import ROOT
 from tests.sensors.samples import HEIGHT, WIDTH
@@ -249,6 +251,32 @@ def test_camera_that_is_plugged_in_again_while_adjusting_is_shown_again(station:
     assert report.record.outcome is CycleOutcome.OK
     assert seen[0] is LiveState.INSIDE
     assert LiveState.NOT_MEASURED in seen
+
+
+def test_camera_that_stays_away_while_adjusting_is_logged_once_and_tried_at_leisure(
+    station: Station, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its driver failed at once, so that the log and the bus had a thousand lines a second."""
+    bench = station.bench
+    assert station.start() is CycleOutcome.OK
+    shown: list[LiveState] = []
+
+    def look() -> None:
+        angles = bench.line.live[-1][0]
+        if angles.wheel != "front_left":
+            return
+        station.bad.plugged = False
+        shown.append(angles.state)
+        if shown.count(LiveState.NOT_MEASURED) == 4:
+            bench.line.queue.append(Stop(5))
+
+    bench.line.on_live = look
+    begun = time.monotonic()
+    assert bench.trigger(5, mode=Mode.ADJUST) is not None
+    assert time.monotonic() - begun > 2 * _REST_S
+    said = [record.message for record in caplog.records if "done again" in record.message]
+    assert 1 <= len(set(said)) <= 4
+    assert len(said) == len(set(said))
 
 
 def test_page_for_the_maintainer_names_every_fault() -> None:

@@ -12,13 +12,13 @@ import pytest
 
 from alignment.errors import StoreUnavailableError
 from alignment.values import HeadQuality, Refusal, RefusalCode, WheelMeasurement
-from db.records import CameraFigure, CycleOutcome, Severity
+from db.records import CameraFigure, CameraSerial, CycleOutcome, Severity
 from sensors.camera_health import CameraCounts, CameraStatistics
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.health import HealthOptions
 from station.cycle.words import ErrorCode
 from station.health.figures import Figure, figures_of
-from station.health.watch import CameraWatch, Taken
+from station.health.watch import CalibrationUsed, CameraWatch, Taken
 from tests.sensors.samples import shot as sample_shot
 from tests.station.bench import TODAY, measurement, open_bench
 
@@ -33,11 +33,16 @@ class FakeCamera:
     def __init__(self, name: str = CAMERA) -> None:
         self.name, self.place = name, PLACE
         self.counts, self.statistics = CameraCounts(), CameraStatistics()
+        self.serial: str | None = None
+
+    def expect(self, serial: str) -> None:
+        self.serial = serial
 
 
 class FakeStore:
     def __init__(self) -> None:
         self.kept: list[CameraFigure] = []
+        self.serials: list[CameraSerial] = []
         self.error: Exception | None = None
 
     def add_camera_figures(self, station: str, figures: Iterable[CameraFigure]) -> None:
@@ -45,11 +50,18 @@ class FakeStore:
             raise self.error
         self.kept += figures
 
+    def add_camera_serials(self, station: str, added: Iterable[CameraSerial]) -> None:
+        if self.error is not None:
+            raise self.error
+        self.serials += added
+
 
 class Watched:
     """A watch with all that it tells at hand; `shots` takes the same value so often."""
 
-    def __init__(self, first: Iterable[CameraFigure] = (), **options: Any) -> None:
+    def __init__(
+        self, first: Iterable[CameraFigure] = (), serials: Iterable[CameraSerial] = (), **options: Any
+    ) -> None:
         self.said: list[tuple[Severity, str, str]] = []
         self.camera, self.store, self.now = FakeCamera(), FakeStore(), 0.0
         self.watch = CameraWatch(
@@ -58,8 +70,9 @@ class Watched:
             self.store,
             lambda severity, code, text, cycle: self.said.append((severity, code, text)),
             [self.camera],
-            {"front_left": CALIBRATED},
+            {"front_left": CalibrationUsed("cal-1", CALIBRATED)},
             first,
+            serials,
             lambda: self.now,
         )
 
@@ -237,6 +250,26 @@ def test_trends_wait_for_a_database_that_is_away() -> None:
         (1, HOUR, 4, 41.0),
         (24, HOUR - HOUR % 24, 4, 41.0),
     ]
+
+
+def test_camera_that_was_seen_first_with_a_calibration_is_expected_at_every_start_with_it() -> None:
+    """A camera that was exchanged while the station was off was believed, and never calibrated."""
+    watched = Watched()
+    watched.watch.keep()
+    assert watched.store.serials == [], "nothing was seen yet"
+    watched.camera.serial = "7"
+    watched.store.error = StoreUnavailableError("away")
+    watched.watch.keep()
+    watched.store.error = None
+    for _ in range(2):
+        watched.watch.keep()
+    assert watched.store.serials == [CameraSerial(CAMERA, "cal-1", "7")]
+    again = Watched(serials=watched.store.serials)
+    assert again.camera.serial == "7"
+    again.watch.keep()
+    assert again.store.serials == []
+    assert Watched(serials=[CameraSerial(CAMERA, "cal-0", "6")]).camera.serial is None
+    assert Watched(serials=[CameraSerial("rear_left/head_1/left", "cal-1", "6")]).camera.serial is None
 
 
 def test_what_waits_at_the_end_is_stored() -> None:
