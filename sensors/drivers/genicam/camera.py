@@ -6,9 +6,10 @@ array of its own. So the ring is free again at once, whoever keeps the image for
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError
@@ -24,6 +25,7 @@ READY_S = 2.0
 """Longest wait until a camera takes the next trigger, beside its exposure time."""
 _SLICE_S = 0.25  # of a wait for a frame: how soon a camera that is closed meanwhile is noticed
 _TEMPERATURE_EVERY_S = 20.0
+_CLOSED = "was closed amid a call"
 _BROKEN = (
     "Check its cable, its packet size and what else uses its network; lower the rate where they share one"
 )
@@ -104,13 +106,15 @@ class GenICamCamera:
         device = self._require_connection()
         assert self._seen is not None
         self._applied = None
-        with asked_of(self.name, device, "arm"):
+        with self._asked(device, "arm"):
             device.stop()
             applied = apply_settings(self.name, device, self._seen, self._options, settings, self.leads)
             self._ids = FrameIds(device.first_frame_id)
             self._triggers = self._looked_at = 0
             self._taken.clear()
             device.start(self._options.buffers)
+            if self._device is not device:
+                raise CameraConnectionError(self.name, _CLOSED)
             self._applied = applied
             self._await_ready(device)
             self._read_temperature(device)
@@ -118,7 +122,7 @@ class GenICamCamera:
     def trigger(self) -> int:
         """Expose by command, or count what another signal exposes; see `Camera.trigger`."""
         device, applied = self._require_armed()
-        with asked_of(self.name, device, "trigger"):
+        with self._asked(device, "trigger"):
             if self._options.trigger_source == "Off":
                 self._take_next(device, applied)
             elif not self._options.waits or (self.leads and self._options.action is None):
@@ -151,15 +155,15 @@ class GenICamCamera:
             applied.require_unchanged()
         while True:
             left_s = max(0.0, ends_s - self._clock())
-            with asked_of(self.name, device, "fetch"):
+            with self._asked(device, "fetch"):
                 buffer = device.retrieve(min(left_s, _SLICE_S))
                 received_s = self._clock()
                 if buffer is not None:
                     return self._frame(buffer, applied, received_s)
             if self._device is not device:
-                raise CameraConnectionError(self.name, "was closed while a frame was waited for")
+                raise CameraConnectionError(self.name, _CLOSED)
             if left_s <= _SLICE_S:
-                with asked_of(self.name, device, "fetch"):
+                with self._asked(device, "fetch"):
                     require_there(self.name, device)
                 raise self._none_within(timeout_s)
 
@@ -170,6 +174,19 @@ class GenICamCamera:
         if device is not None:
             with asked_of(self.name, device, "close"):
                 device.close()
+
+    @contextlib.contextmanager
+    def _asked(self, device: Device, what: str) -> Iterator[None]:
+        """As `asked_of`; what a closed device raises means that it was closed."""
+        try:
+            with asked_of(self.name, device, what):
+                yield
+        except CameraConnectionError:
+            raise
+        except CameraError as error:
+            if self._device is not device:
+                raise CameraConnectionError(self.name, _CLOSED) from error
+            raise
 
     def _none_within(self, timeout_s: float) -> CameraTimeoutError:
         return CameraTimeoutError(

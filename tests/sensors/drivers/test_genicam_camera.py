@@ -448,3 +448,39 @@ def test_options_that_contradict_each_other_are_found_without_a_camera(changed, 
     with pytest.raises(ConfigurationError) as caught:
         check_options(options(**changed), place("head_1"))
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("method", "within"),
+    [
+        ("arm", "start"),
+        ("arm", "set"),
+        ("trigger", "execute"),
+        ("trigger", "wait_ready"),
+        ("fetch", "retrieve"),
+    ],
+)
+def test_a_camera_that_is_closed_amid_a_call_says_so_and_is_connected_again(method, within):
+    device = StubDevice()
+    camera = armed(device)
+    call = getattr(device, within)
+
+    def closed(*arguments):
+        setattr(device, within, call)
+        camera.close()
+        raise VendorError("the handle is not valid")
+
+    setattr(device, within, closed)
+    with pytest.raises(CameraConnectionError, match="was closed amid a call"):
+        getattr(camera, method)(*{"arm": (CameraSettings(exposure_ms=7.0),), "fetch": (0.1,)}.get(method, ()))
+    camera.connect()
+    with pytest.raises(CameraError, match="is not armed"):
+        camera.trigger()
+    camera.arm(CameraSettings())
+    assert shot_of(camera).trigger_counter == 1
+
+
+def test_a_gain_in_the_camera_s_own_steps_is_stored_as_such():
+    device = StubDevice(GainRaw=200)
+    del device.features["Gain"]
+    assert shot_of(armed(device)).in_force.others == (("GainRaw", "200"),)
