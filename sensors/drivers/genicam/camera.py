@@ -43,7 +43,7 @@ class GenICamCamera:
     options
         Of its rig.
     device
-        Returns the device, not open; called at each `connect`.
+        Returns the device, not open; called when there is none, or the one before failed.
     leads
         Whether its trigger makes the others of its rig expose; the rig triggers it last.
     clock
@@ -66,6 +66,7 @@ class GenICamCamera:
         self._make = device
         self._clock = clock
         self._device: Device | None = None
+        self._closed: Device | None = None
         self._seen: SeenCamera | None = None
         self._expected_serial: str | None = None
         self._applied: AppliedSettings | None = None
@@ -82,7 +83,8 @@ class GenICamCamera:
         if device is not None and not device.lost():
             return
         self.close()
-        device = self._make()
+        # One that was used before is tried once: where it fails, or hangs, the next attempt has a new one.
+        device, self._closed = self._closed or self._make(), None
         try:
             with asked_of(self.name, device, "open"):
                 seen = device.open()
@@ -174,6 +176,7 @@ class GenICamCamera:
         if device is not None:
             with asked_of(self.name, device, "close"):
                 device.close()
+            self._closed = device
 
     @contextlib.contextmanager
     def _asked(self, device: Device, what: str) -> Iterator[None]:

@@ -237,13 +237,12 @@ def test_a_camera_of_another_serial_number_is_refused():
 
 
 def test_a_camera_that_was_exchanged_behind_its_name_is_refused():
-    first, second = StubDevice(user_name="left eye"), StubDevice(serial="9999", user_name="left eye")
-    devices = iter((first, first, second))
-    camera = camera_of(first, wanted="left eye")
-    camera._make = lambda: next(devices)
+    device = StubDevice(user_name="left eye")
+    camera = camera_of(device, wanted="left eye")
     for _ in range(2):
         camera.connect()
         camera.close()
+    device.seen = replace(device.seen, serial_number="9999")
     with pytest.raises(CameraConnectionError, match=r"expected the camera '4711', it answers with .* 9999"):
         camera.connect()
 
@@ -484,3 +483,19 @@ def test_a_gain_in_the_camera_s_own_steps_is_stored_as_such():
     device = StubDevice(GainRaw=200)
     del device.features["Gain"]
     assert shot_of(armed(device)).in_force.others == (("GainRaw", "200"),)
+
+
+def test_a_device_that_fails_to_open_again_is_exchanged_for_a_new_one():
+    used, fresh = StubDevice(), StubDevice()
+    made = iter((used, fresh))
+    camera = camera_of(used)
+    camera._make = lambda: next(made)
+    camera.connect()
+    camera.close()
+    used.gone = True
+    with pytest.raises(CameraConnectionError):
+        camera.connect()
+    camera.connect()
+    camera.arm(CameraSettings())
+    assert shot_of(camera).trigger_counter == 1
+    assert fresh.opened
