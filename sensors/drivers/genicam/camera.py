@@ -125,11 +125,11 @@ class GenICamCamera:
         """Expose by command, or count what another signal exposes; see `Camera.trigger`."""
         device, applied = self._require_armed()
         with self._asked(device, "trigger"):
+            # A trigger amid an exposure, or just after its image came, would be ignored, also that of a line.
+            self._await_ready(device)
             if self._options.trigger_source == "Off":
                 self._take_next(device, applied)
             elif not self._options.waits or (self.leads and self._options.action is None):
-                # A trigger amid an exposure, or just after its image came, would be ignored.
-                self._await_ready(device)
                 device.execute("TriggerSoftware")
             elif self.leads and self._options.action is not None:
                 device.fire(self._options.action.action())
@@ -269,8 +269,6 @@ class GenICamCamera:
     def _await_ready(self, device: Device) -> None:
         applied = self._applied
         if self._options.trigger_source == "Off" or applied is None:
-            return
-        if self._options.waits and not (self.leads and self._options.action is None):
             return
         bound_s = READY_S + applied.exposure_ms / 1e3
         if not device.wait_ready(bound_s):

@@ -348,6 +348,9 @@ def test_a_line_exposes_all_after_all_are_ready_for_it(devices):
     )
     rig.connect()
     rig.arm()
+    leader.execute = lambda name, does=leader.execute: (
+        [d.log.append("pulse") for d in devices.values()] and does(name)
+    )
     order = []
     for camera in rig.cameras:
         trigger = camera.trigger
@@ -355,6 +358,8 @@ def test_a_line_exposes_all_after_all_are_ready_for_it(devices):
     for expected in (1, 2):
         shot = rig.shoot(0.5)
         assert {frame.trigger_counter for frame in shot.frames} == {expected}
+    for device in devices.values():
+        assert [what for what in device.log if what in ("ready?", "pulse")][1:] == ["ready?", "pulse"] * 2
     assert order[3] == order[7] == "front_left/head_2/left"
     sources = {place: device.features["TriggerSource"] for place, device in devices.items()}
     assert sources == {place: "Software" if place == ("head_2", "left") else "Line1" for place in devices}
