@@ -62,7 +62,7 @@ mutants: setup
 
 bench: setup
 	@$(BIN)/python -m benchmarks.measure_wheel; status=$$?; \
-		$(BIN)/python -m benchmarks.calibration && exit $$status
+		$(BIN)/python -m benchmarks.calibration && $(BIN)/python -m benchmarks.cameras && exit $$status
 
 clean:
 	rm -rf $(VENV)

@@ -6,9 +6,10 @@ array of its own. So the ring is free again at once, whoever keeps the image for
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError
@@ -24,6 +25,7 @@ READY_S = 2.0
 """Longest wait until a camera takes the next trigger, beside its exposure time."""
 _SLICE_S = 0.25  # of a wait for a frame: how soon a camera that is closed meanwhile is noticed
 _TEMPERATURE_EVERY_S = 20.0
+_CLOSED = "was closed amid a call"
 _BROKEN = (
     "Check its cable, its packet size and what else uses its network; lower the rate where they share one"
 )
@@ -41,7 +43,7 @@ class GenICamCamera:
     options
         Of its rig.
     device
-        Returns the device, not open; called at each `connect`.
+        Returns the device, not open; called when there is none, or the one before failed.
     leads
         Whether its trigger makes the others of its rig expose; the rig triggers it last.
     clock
@@ -64,6 +66,7 @@ class GenICamCamera:
         self._make = device
         self._clock = clock
         self._device: Device | None = None
+        self._closed: Device | None = None
         self._seen: SeenCamera | None = None
         self._expected_serial: str | None = None
         self._applied: AppliedSettings | None = None
@@ -80,7 +83,8 @@ class GenICamCamera:
         if device is not None and not device.lost():
             return
         self.close()
-        device = self._make()
+        # One that was used before is tried once: where it fails, or hangs, the next attempt has a new one.
+        device, self._closed = self._closed or self._make(), None
         try:
             with asked_of(self.name, device, "open"):
                 seen = device.open()
@@ -104,13 +108,15 @@ class GenICamCamera:
         device = self._require_connection()
         assert self._seen is not None
         self._applied = None
-        with asked_of(self.name, device, "arm"):
+        with self._asked(device, "arm"):
             device.stop()
             applied = apply_settings(self.name, device, self._seen, self._options, settings, self.leads)
             self._ids = FrameIds(device.first_frame_id)
             self._triggers = self._looked_at = 0
             self._taken.clear()
             device.start(self._options.buffers)
+            if self._device is not device:
+                raise CameraConnectionError(self.name, _CLOSED)
             self._applied = applied
             self._await_ready(device)
             self._read_temperature(device)
@@ -118,12 +124,12 @@ class GenICamCamera:
     def trigger(self) -> int:
         """Expose by command, or count what another signal exposes; see `Camera.trigger`."""
         device, applied = self._require_armed()
-        with asked_of(self.name, device, "trigger"):
+        with self._asked(device, "trigger"):
+            # A trigger amid an exposure, or just after its image came, would be ignored, also that of a line.
+            self._await_ready(device)
             if self._options.trigger_source == "Off":
                 self._take_next(device, applied)
             elif not self._options.waits or (self.leads and self._options.action is None):
-                # A trigger amid an exposure, or just after its image came, would be ignored.
-                self._await_ready(device)
                 device.execute("TriggerSoftware")
             elif self.leads and self._options.action is not None:
                 device.fire(self._options.action.action())
@@ -151,15 +157,15 @@ class GenICamCamera:
             applied.require_unchanged()
         while True:
             left_s = max(0.0, ends_s - self._clock())
-            with asked_of(self.name, device, "fetch"):
+            with self._asked(device, "fetch"):
                 buffer = device.retrieve(min(left_s, _SLICE_S))
                 received_s = self._clock()
                 if buffer is not None:
                     return self._frame(buffer, applied, received_s)
             if self._device is not device:
-                raise CameraConnectionError(self.name, "was closed while a frame was waited for")
+                raise CameraConnectionError(self.name, _CLOSED)
             if left_s <= _SLICE_S:
-                with asked_of(self.name, device, "fetch"):
+                with self._asked(device, "fetch"):
                     require_there(self.name, device)
                 raise self._none_within(timeout_s)
 
@@ -170,6 +176,20 @@ class GenICamCamera:
         if device is not None:
             with asked_of(self.name, device, "close"):
                 device.close()
+            self._closed = device
+
+    @contextlib.contextmanager
+    def _asked(self, device: Device, what: str) -> Iterator[None]:
+        """As `asked_of`; what a closed device raises means that it was closed."""
+        try:
+            with asked_of(self.name, device, what):
+                yield
+        except CameraConnectionError:
+            raise
+        except CameraError as error:
+            if self._device is not device:
+                raise CameraConnectionError(self.name, _CLOSED) from error
+            raise
 
     def _none_within(self, timeout_s: float) -> CameraTimeoutError:
         return CameraTimeoutError(
@@ -249,8 +269,6 @@ class GenICamCamera:
     def _await_ready(self, device: Device) -> None:
         applied = self._applied
         if self._options.trigger_source == "Off" or applied is None:
-            return
-        if self._options.waits and not (self.leads and self._options.action is None):
             return
         bound_s = READY_S + applied.exposure_ms / 1e3
         if not device.wait_ready(bound_s):

@@ -86,7 +86,7 @@ class Device(Protocol):
         ...
 
     def open(self) -> SeenCamera:
-        """Reach the camera, alone, and return what it says of itself."""
+        """Reach the camera, alone, and return what it says of itself; after `close` again."""
         ...
 
     def lost(self) -> bool:

@@ -291,6 +291,9 @@ def _read_back(device: Device, seen: SeenCamera, options: GenICamOptions, exposu
 
     packet = number("GevSCPSPacketSize")
     names = dict.fromkeys(name for name, _ in options.features)
+    if device.get("Gain") is None and device.get("GainRaw") is not None:
+        # Steps of the camera's own: what they are in decibels only its manual says.
+        names["GainRaw"] = None
     pixel_format = str(device.get("PixelFormat"))
     return SettingsInForce(
         model=seen.model,

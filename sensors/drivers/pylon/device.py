@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +41,7 @@ class PylonDevice:
         self._class = device_class
         self._pylon = load_pylon()
         self._camera: Any = None
+        self._kept: weakref.finalize[[Any], PylonDevice] | None = None
         self._info: Any = None
         self._nodes: Any = None
         self._ticks_per_s = _NANOSECONDS
@@ -50,6 +53,31 @@ class PylonDevice:
 
     def open(self) -> SeenCamera:
         """See `Device.open`."""
+        camera = self._pylon.InstantCamera()
+        kept = None if self._kept is None else self._kept.detach()
+        self._kept = None
+        if kept is not None:
+            [device] = kept[2]
+            camera.Attach(device)
+            if camera.IsCameraDeviceRemoved():
+                camera.DestroyDevice()
+        if not camera.IsPylonDeviceAttached():
+            camera.Attach(self._found())
+        try:
+            camera.Open()
+        except Exception:
+            camera.DestroyDevice()
+            raise
+        self._camera, self._nodes = camera, camera.GetNodeMap()
+        frequency = self.get("GevTimestampTickFrequency")
+        self._ticks_per_s = float(frequency) if isinstance(frequency, int | float) else _NANOSECONDS
+        seen = seen_of(self._info)
+        # What the camera itself says, not what the search said a moment ago.
+        serial = self.get("DeviceSerialNumber") or self.get("DeviceID") or seen.serial_number
+        return replace(seen, serial_number=str(serial))
+
+    def _found(self) -> Any:
+        """Search for the camera; the library's device, not open."""
         infos = device_infos(self._class)
         seen = [seen_of(info) for info in infos]
         index = next((n for n, one in enumerate(seen) if one.serial_number == self._wanted), None)
@@ -62,17 +90,8 @@ class PylonDevice:
                 f"{', '.join(one.serial_number for one in seen[:12]) or 'none'}",
                 "Check its power, its cable and its address, and the serial number in the configuration",
             )
-        factory = self._pylon.TlFactory.GetInstance()
         self._info = infos[index]
-        camera = self._pylon.InstantCamera(factory.CreateDevice(self._info))
-        self._camera = camera
-        camera.Open()
-        self._nodes = camera.GetNodeMap()
-        frequency = self.get("GevTimestampTickFrequency")
-        self._ticks_per_s = float(frequency) if isinstance(frequency, int | float) else _NANOSECONDS
-        # What the camera itself says, not what the search said a moment ago.
-        serial = self.get("DeviceSerialNumber") or self.get("DeviceID") or seen[index].serial_number
-        return SeenCamera(str(serial), seen[index].model, seen[index].address, seen[index].user_name)
+        return self._pylon.TlFactory.GetInstance().CreateDevice(self._info)
 
     def lost(self) -> bool:
         """See `Device.lost`."""
@@ -86,9 +105,11 @@ class PylonDevice:
             try:
                 camera.StopGrabbing()
             finally:
-                # Also a camera that went away is closed, and the device destroyed by whoever waits last.
                 camera.Close()
-                camera.DestroyDevice()
+                # Opened again if it can be: for each new device the library keeps 46 kB for ever.
+                destroy = self._pylon.TlFactory.GetInstance().DestroyDevice
+                self._kept = weakref.finalize(self, destroy, camera.DetachDevice())
+                self._kept.atexit = False
 
     def get(self, name: str) -> FeatureValue | None:
         """See `Device.get`."""

@@ -237,13 +237,12 @@ def test_a_camera_of_another_serial_number_is_refused():
 
 
 def test_a_camera_that_was_exchanged_behind_its_name_is_refused():
-    first, second = StubDevice(user_name="left eye"), StubDevice(serial="9999", user_name="left eye")
-    devices = iter((first, first, second))
-    camera = camera_of(first, wanted="left eye")
-    camera._make = lambda: next(devices)
+    device = StubDevice(user_name="left eye")
+    camera = camera_of(device, wanted="left eye")
     for _ in range(2):
         camera.connect()
         camera.close()
+    device.seen = replace(device.seen, serial_number="9999")
     with pytest.raises(CameraConnectionError, match=r"expected the camera '4711', it answers with .* 9999"):
         camera.connect()
 
@@ -349,6 +348,9 @@ def test_a_line_exposes_all_after_all_are_ready_for_it(devices):
     )
     rig.connect()
     rig.arm()
+    leader.execute = lambda name, does=leader.execute: (
+        [d.log.append("pulse") for d in devices.values()] and does(name)
+    )
     order = []
     for camera in rig.cameras:
         trigger = camera.trigger
@@ -356,6 +358,8 @@ def test_a_line_exposes_all_after_all_are_ready_for_it(devices):
     for expected in (1, 2):
         shot = rig.shoot(0.5)
         assert {frame.trigger_counter for frame in shot.frames} == {expected}
+    for device in devices.values():
+        assert [what for what in device.log if what in ("ready?", "pulse")][1:] == ["ready?", "pulse"] * 2
     assert order[3] == order[7] == "front_left/head_2/left"
     sources = {place: device.features["TriggerSource"] for place, device in devices.items()}
     assert sources == {place: "Software" if place == ("head_2", "left") else "Line1" for place in devices}
@@ -448,3 +452,55 @@ def test_options_that_contradict_each_other_are_found_without_a_camera(changed, 
     with pytest.raises(ConfigurationError) as caught:
         check_options(options(**changed), place("head_1"))
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize(
+    ("method", "within"),
+    [
+        ("arm", "start"),
+        ("arm", "set"),
+        ("trigger", "execute"),
+        ("trigger", "wait_ready"),
+        ("fetch", "retrieve"),
+    ],
+)
+def test_a_camera_that_is_closed_amid_a_call_says_so_and_is_connected_again(method, within):
+    device = StubDevice()
+    camera = armed(device)
+    call = getattr(device, within)
+
+    def closed(*arguments):
+        setattr(device, within, call)
+        camera.close()
+        raise VendorError("the handle is not valid")
+
+    setattr(device, within, closed)
+    with pytest.raises(CameraConnectionError, match="was closed amid a call"):
+        getattr(camera, method)(*{"arm": (CameraSettings(exposure_ms=7.0),), "fetch": (0.1,)}.get(method, ()))
+    camera.connect()
+    with pytest.raises(CameraError, match="is not armed"):
+        camera.trigger()
+    camera.arm(CameraSettings())
+    assert shot_of(camera).trigger_counter == 1
+
+
+def test_a_gain_in_the_camera_s_own_steps_is_stored_as_such():
+    device = StubDevice(GainRaw=200)
+    del device.features["Gain"]
+    assert shot_of(armed(device)).in_force.others == (("GainRaw", "200"),)
+
+
+def test_a_device_that_fails_to_open_again_is_exchanged_for_a_new_one():
+    used, fresh = StubDevice(), StubDevice()
+    made = iter((used, fresh))
+    camera = camera_of(used)
+    camera._make = lambda: next(made)
+    camera.connect()
+    camera.close()
+    used.gone = True
+    with pytest.raises(CameraConnectionError):
+        camera.connect()
+    camera.connect()
+    camera.arm(CameraSettings())
+    assert shot_of(camera).trigger_counter == 1
+    assert fresh.opened
