@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.arrays import Array, Index, Mask
-from alignment.imaging.corner_fit import Corners, joined, locate_corners
+from alignment.imaging.corner_fit import Corners, joined_corners, locate_corners
 from alignment.imaging.mark_detection import exposure_of
 from alignment.imaging.mark_grid import FEWEST_MARKS
 from alignment.imaging.mark_plane import PlaneView
@@ -213,7 +213,7 @@ def _grown(
         more = locate_corners(image, pixels[shown], steps, exposure.noise, margin)
         near = np.hypot(*(view.to_plane(more.points) - tried[shown]).T) < _PLACE_TOLERANCE
         strong = np.abs(more.contrast) > _FAINT * contrast * exposure.noise
-        every = joined(found, replace(more, good=more.good & near & strong))
+        every = joined_corners(found, replace(more, good=more.good & near & strong))
         all_places = np.concatenate([places, tried[shown]])
         every = replace(every, good=every.good & _takes_turns(every, all_places))
         if every.good.sum() == found.good.sum():
