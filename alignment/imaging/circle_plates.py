@@ -25,6 +25,7 @@ _LEAST_RADIUS = 4.0  # pixels: marks of 5 are found wherever they lie on the pix
 _ALIKE = 0.5  # of the marks of the larger grid that make another one a second plate
 _SIZE_TOLERANCE = 1.25  # ratio of the marks' radii to what the plate's description says
 _GAP = 2.0  # places that a mark may lie from the others of its plate
+_STRAY = 0.4  # of the marks that a row has usually, below which an outer one is none of the plate
 _NEAR = 0.3  # of the mark's own radius in the image, from where the corner mark should be
 _LARGE_TOLERANCE = 1.2
 
@@ -48,6 +49,10 @@ def number_circles(image: Image, plate: Plate, method: str = "ellipse") -> Numbe
         return wrong
     steps, from_steps = _steps(plate)
     grid = _together(walk_lattice(marks, steps / plate.mark_radius_mm))
+    refusal = _no_grid(grid, marks, plate)
+    if refusal is not None:
+        return refusal
+    grid = _without_strays(grid, from_steps)
     refusal = _no_grid(grid, marks, plate)
     if refusal is not None:
         return refusal
@@ -88,6 +93,27 @@ def _together(grid: Grid) -> Grid:
     _, part = connected_components(near, directed=False)
     rows = part == np.argmax(np.bincount(part))
     return Grid(grid.rows[rows], grid.places[rows])
+
+
+def _without_strays(grid: Grid, from_steps: Index) -> Grid:
+    """Take away outer rows and columns of hardly any marks.
+
+    A spot beside the plate that happens to lie on its grid would stand for a row that is hidden on the other
+    side: the marks would fit the plate, one place off.
+    """
+    kept = np.ones(len(grid.rows), dtype=bool)
+    places = grid.places @ from_steps
+    while True:
+        before = int(kept.sum())
+        for axis in range(2):
+            lines, count = np.unique(places[kept, axis], return_counts=True)
+            if len(lines) < 3:
+                continue
+            usual = float(np.median(count))
+            few = [line for line, n in ((lines[0], count[0]), (lines[-1], count[-1])) if n < _STRAY * usual]
+            kept &= ~np.isin(places[:, axis], few)
+        if int(kept.sum()) == before:
+            return Grid(grid.rows[kept], grid.places[kept])
 
 
 def _no_grid(grid: Grid, marks: Marks, plate: Plate) -> PlateRefusal | None:

@@ -22,8 +22,10 @@ _PARAMETERS = 9
 _REACH = 0.7  # of the distance of the next edges
 _LEAST_REACH, _MOST_REACH = 3.0, 15.0  # pixels
 _FIRST_BLUR = 0.8
-_STEPS = 30
+_STEPS = 15
 _CONVERGED = 1e-3  # pixels that the corner still moves
+_ENOUGH = 0.97  # of the corners that have converged: what is hidden never does
+_SETTLED = 4  # steps after which the clipping of residuals no longer changes
 _HUBER = 4.0
 _LEAST_SIGMA = 0.001  # pixels: what the model itself may be wrong by
 _WORST_FIT = 0.2  # RMS residual over contrast of a corner that is believed
@@ -88,10 +90,10 @@ def locate_corners(
         shorter = np.hypot(along[..., 0], along[..., 1]).min(axis=1)
         near = np.hypot(*(again.points - there).T) < _FARTHEST * shorter
         parts.append(replace(again, good=first.good & again.good & near))
-    return joined(*parts)
+    return joined_corners(*parts)
 
 
-def joined(*parts: Corners) -> Corners:
+def joined_corners(*parts: Corners) -> Corners:
     """Return the corners of several."""
     return Corners(*(np.concatenate([getattr(part, name) for part in parts]) for name in _FIELDS))
 
@@ -128,7 +130,7 @@ def _located(image: Image, points: Array, steps: Array, noise: float, margin: fl
         model, slopes = _model(x, y, p)
         residual = grey - model
         spread = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0))
-        if number < 4:
+        if number < _SETTLED:
             far = _HUBER * np.maximum(spread, noise)[:, None]
             weight = used * np.minimum(1.0, far / np.maximum(np.abs(residual), 1e-12))
             cost[:] = np.inf
@@ -136,10 +138,11 @@ def _located(image: Image, points: Array, steps: Array, noise: float, margin: fl
         better = now <= cost * (1.0 + 1e-9)
         best[better], cost[better] = p[better], now[better]
         damping = np.where(better, np.maximum(damping * 0.2, 1e-7), damping * 10.0)
-        if number >= 4 and (moved[better] < _CONVERGED).all() and better.all():
+        if number > _SETTLED and np.mean(moved < _CONVERGED) >= _ENOUGH:
             break
-        model, slopes = _model(x, y, best)
-        residual = grey - model
+        if not better.all():
+            model, slopes = _model(x, y, best)
+            residual = grey - model
         normal = np.swapaxes(slopes, 1, 2) @ (weight[..., None] * slopes)
         pull = np.einsum("npi,np->ni", slopes, weight * residual)
         step = _solved(normal, pull, damping)

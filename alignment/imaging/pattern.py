@@ -77,7 +77,7 @@ class Pattern:
         True for white marks on a black ground.
     orientation, y_axis, corner
         What tells which way round the plate is seen; where its y axis points in the image, for ``upright``,
-        within 45°; the corner mark, for ``corner``.
+        within 30°; the corner mark, for ``corner``.
     first_dark
         Of squares: True when the one between the first two columns and the first two rows of corners is dark.
     dictionary, first_id, marker_share

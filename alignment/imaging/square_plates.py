@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.arrays import Array, Index, Mask
-from alignment.imaging.corner_fit import Corners, joined, locate_corners
+from alignment.imaging.corner_fit import Corners, joined_corners, locate_corners
 from alignment.imaging.mark_detection import exposure_of
 from alignment.imaging.mark_grid import FEWEST_MARKS
 from alignment.imaging.mark_plane import PlaneView
@@ -65,6 +65,12 @@ def number_chessboard(image: Image, plate: Plate) -> Numberings | PlateRefusal:
     located = _located(image, points, places, plate.pattern, exposure)
     if isinstance(located, PlateRefusal):
         return located
+    if _goes_on(image, points, places, exposure):
+        return PlateRefusal(
+            PlateRefusalCode.NOT_THIS_PLATE,
+            f"the chessboard goes on beyond the {columns} × {rows} inner corners of the plate file. "
+            "Count its inner corners, and take away what looks like its squares.",
+        )
     ways = ways_to_number(places, plate)
     if isinstance(ways, PlateRefusalCode):
         return PlateRefusal(
@@ -213,7 +219,7 @@ def _grown(
         more = locate_corners(image, pixels[shown], steps, exposure.noise, margin)
         near = np.hypot(*(view.to_plane(more.points) - tried[shown]).T) < _PLACE_TOLERANCE
         strong = np.abs(more.contrast) > _FAINT * contrast * exposure.noise
-        every = joined(found, replace(more, good=more.good & near & strong))
+        every = joined_corners(found, replace(more, good=more.good & near & strong))
         all_places = np.concatenate([places, tried[shown]])
         every = replace(every, good=every.good & _takes_turns(every, all_places))
         if every.good.sum() == found.good.sum():
@@ -273,6 +279,27 @@ def _board(image: NDArray[np.uint8], columns: int, rows: int, *, thorough: bool 
         flags = normal | cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
         found, corners = cv2.findChessboardCorners(image, size, flags=flags)
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
+
+
+def _goes_on(image: Image, points: Array, places: Index, exposure: Exposure) -> bool:
+    """Whether there are corners beyond the outer ones of a found board."""
+    size = (image.shape[1], image.shape[0])
+    view = PlaneView.fit(places.astype(np.float64), points, size)
+    low, high = places.min(axis=0), places.max(axis=0)
+    for axis in range(2):
+        along = np.arange(low[1 - axis], high[1 - axis] + 1)
+        for line in (low[axis] - 1, high[axis] + 1):
+            there = np.empty((len(along), 2), dtype=np.int64)
+            there[:, axis], there[:, 1 - axis] = line, along
+            pixels, shown = view.to_pixels(there.astype(np.float64))
+            shown &= ((pixels >= _BORDER) & (pixels <= np.array(size) - 1.0 - _BORDER)).all(axis=1)
+            if shown.sum() < 0.5 * len(along):
+                continue
+            found = locate_corners(image, pixels[shown], _steps_of(view, there[shown]), exposure.noise)
+            near = np.hypot(*(view.to_plane(found.points) - there[shown]).T) < _PLACE_TOLERANCE
+            if (found.good & near).sum() >= 0.5 * shown.sum():
+                return True
+    return False
 
 
 def _without(image: NDArray[np.uint8], points: Array, columns: int) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from sensors.formats.validation import FilePath, Name, StrictModel
 
 GridIndex = Annotated[int, Field(ge=-200, le=200)]
 GridPoint = tuple[GridIndex, GridIndex]
-Tolerance = Annotated[float, Field(ge=1e-4, le=1)]
+ToleranceMm = Annotated[float, Field(ge=1e-4, le=1)]
 Millimetres = Annotated[float, Field(gt=0, le=1000)]
 
 _LARGE = 1.35  # times the others' diameter that a larger corner mark has at least
@@ -44,7 +44,7 @@ class DirectionEntry(StrictModel):
 
     heads: tuple[Name, ...] = Field(min_length=1, max_length=16, description="Names of the heads")
     y_axis: Literal["up", "left", "down", "right"] = Field(
-        description="Where the plate's y axis points in their images, within 45°"
+        description="Where the plate's y axis points in their images, within 30°"
     )
 
 
@@ -90,10 +90,10 @@ class PatternPlateFile(StrictModel):
     directions: tuple[DirectionEntry, ...] = Field(
         default=(), max_length=16, description="Heads in whose images the y axis points elsewhere than up"
     )
-    mark_tolerance_mm: Tolerance = Field(
+    mark_tolerance_mm: ToleranceMm = Field(
         default=0.01, description="Marks lie within ± this of the grid, in x and in y, millimetres"
     )
-    flatness_tolerance_mm: Tolerance = Field(
+    flatness_tolerance_mm: ToleranceMm = Field(
         default=0.01, description="Marks lie within ± this of the plane, millimetres"
     )
     certificate: FilePath | None = Field(

@@ -22,7 +22,7 @@ from alignment.file_limits import TEXT
 from alignment.imaging import RING_MARKED, Pattern, Plate
 from sensors.formats.csv_table import table_of
 from sensors.formats.files import read_bytes
-from sensors.formats.pattern_plate import GridPoint, PatternPlateFile, Tolerance
+from sensors.formats.pattern_plate import GridPoint, PatternPlateFile, ToleranceMm
 from sensors.formats.validation import FilePath, Name, StrictModel, load_toml, validate
 
 _CERTIFICATE_COLUMNS = ("i", "j", "x_mm", "y_mm", "sigma_mm")
@@ -61,10 +61,10 @@ class PlateFile(StrictModel):
     hollow_diameter_mm: float = Field(
         gt=0, le=1000, description="Diameter of the light centre of ring marks, millimetres"
     )
-    mark_tolerance_mm: Tolerance = Field(
+    mark_tolerance_mm: ToleranceMm = Field(
         default=0.01, description="Marks lie within ± this of the grid, in x and in y, millimetres"
     )
-    flatness_tolerance_mm: Tolerance = Field(
+    flatness_tolerance_mm: ToleranceMm = Field(
         default=0.01, description="Marks lie within ± this of the plane, millimetres"
     )
     hollow_marks: tuple[HollowGroup, ...] = Field(

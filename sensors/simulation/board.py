@@ -16,7 +16,7 @@ import numpy as np
 from alignment.arrays import Array, Index, Singles
 from alignment.imaging import Pattern, PatternKind, Plate, charuco_board
 from alignment.kernels import njit
-from sensors.simulation.plate_rays import PARTS, REACH, covered, place
+from sensors.simulation.plate_rays import EDGE_REACH, PIXEL_PARTS, covered, place
 
 _BLEND = 0.3  # of a square, about its middle, in which the shift of one corner becomes that of the next
 _POINTS = 4  # along each side of a part, in markers
@@ -82,12 +82,12 @@ def board_radiance(
     count_i, count_j = away.shape[1] - 1, away.shape[0] - 1
     rim, edge = grid[4], grid[5]
     cells = round(math.sqrt(bits.shape[2])) if bits.shape[2] > 1 else 0
-    for v in range(out.shape[0] // PARTS):
-        for u in range(out.shape[1] // PARTS):
-            for part in range(PARTS * PARTS):
-                size = 1.0 / PARTS
-                du = (part % PARTS + 0.5) * size - 0.5
-                dv = (part // PARTS + 0.5) * size - 0.5
+    for v in range(out.shape[0] // PIXEL_PARTS):
+        for u in range(out.shape[1] // PIXEL_PARTS):
+            for part in range(PIXEL_PARTS * PIXEL_PARTS):
+                size = 1.0 / PIXEL_PARTS
+                du = (part % PIXEL_PARTS + 0.5) * size - 0.5
+                dv = (part // PIXEL_PARTS + 0.5) * size - 0.5
                 faces, x, y, sx, sy, xu, yu, xv, yv = place(u + du, v + dv, nodes, rotation, origin)
                 value = beyond
                 if faces:
@@ -101,7 +101,7 @@ def board_radiance(
                         share = 1.0
                         inner_i = min(i, count_i - i) / step_i
                         inner_j = min(j, count_j - j) / step_j
-                        if inner_i > -REACH and inner_j > -REACH:
+                        if inner_i > -EDGE_REACH and inner_j > -EDGE_REACH:
                             share = _share_of_part(
                                 i,
                                 j,
@@ -119,7 +119,7 @@ def board_radiance(
                                 count_j,
                             )
                         value = beyond + (dark + (ground - dark) * share - beyond) * on
-                out[v * PARTS + part // PARTS, u * PARTS + part % PARTS] = value
+                out[v * PIXEL_PARTS + part // PIXEL_PARTS, u * PIXEL_PARTS + part % PIXEL_PARTS] = value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

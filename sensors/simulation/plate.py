@@ -23,7 +23,7 @@ from alignment.values import Image
 from sensors.camera import CameraSettings
 from sensors.simulation.board import board_radiance, board_tables
 from sensors.simulation.optics import Optics, develop, integrate
-from sensors.simulation.plate_rays import PARTS, REACH, covered, place, ray_nodes
+from sensors.simulation.plate_rays import EDGE_REACH, PIXEL_PARTS, covered, place, ray_nodes
 
 _NO_DISTANCE_MM = 1e-9  # in a mark's very centre no direction leads to its rim
 
@@ -110,17 +110,17 @@ def _plate_radiance(
     count_i, count_j = rows_of.shape
     low_x, low_y = (first_i - 1.0) * pitch_x, (first_j - 1.0) * pitch_y
     high_x, high_y = (first_i + count_i) * pitch_x, (first_j + count_j) * pitch_y
-    for v in range(out.shape[0] // PARTS):
-        for u in range(out.shape[1] // PARTS):
+    for v in range(out.shape[0] // PIXEL_PARTS):
+        for u in range(out.shape[1] // PIXEL_PARTS):
             # Part 0 is the whole pixel: it finds the nearest mark, and whether any edge is near.
             mark = -1
             plain = beyond
-            for part in range(PARTS * PARTS + 1):
+            for part in range(PIXEL_PARTS * PIXEL_PARTS + 1):
                 size, du, dv = 1.0, 0.0, 0.0
                 if part > 0:
-                    size = 1.0 / PARTS
-                    du = ((part - 1) % PARTS + 0.5) * size - 0.5
-                    dv = ((part - 1) // PARTS + 0.5) * size - 0.5
+                    size = 1.0 / PIXEL_PARTS
+                    du = ((part - 1) % PIXEL_PARTS + 0.5) * size - 0.5
+                    dv = ((part - 1) // PIXEL_PARTS + 0.5) * size - 0.5
                 faces, x, y, sx, sy, xu, yu, xv, yv = place(u + du, v + dv, nodes, rotation, origin)
                 if not faces:
                     break
@@ -128,7 +128,7 @@ def _plate_radiance(
                 border_x = min(x - low_x, high_x - x) / math.sqrt(xu * xu + xv * xv)
                 border_y = min(y - low_y, high_y - y) / math.sqrt(yu * yu + yv * yv)
                 if part == 0:
-                    if border_x < -REACH or border_y < -REACH:
+                    if border_x < -EDGE_REACH or border_y < -EDGE_REACH:
                         break
                     mark = _nearest(x / pitch_x - first_i, y / pitch_y - first_j, rows_of, pitch_x, pitch_y)
                 rim, hole, gu, gv = -np.inf, -np.inf, 1.0, 0.0
@@ -143,18 +143,18 @@ def _plate_radiance(
                         hole = (radii[mark, 1] - distance) / step
                 if part == 0:
                     plain = dark if rim > 0 >= hole else ground
-                    if min(border_x, border_y, abs(rim), abs(hole)) > REACH:
+                    if min(border_x, border_y, abs(rim), abs(hole)) > EDGE_REACH:
                         break
                     continue
                 share = covered(rim / size, gu, gv) - covered(hole / size, gu, gv)
                 on = covered(border_x / size, xu, xv) * covered(border_y / size, yu, yv)
-                out[v * PARTS + (part - 1) // PARTS, u * PARTS + (part - 1) % PARTS] = (
-                    beyond + (ground + (dark - ground) * share - beyond) * on
-                )
+                out[
+                    v * PIXEL_PARTS + (part - 1) // PIXEL_PARTS, u * PIXEL_PARTS + (part - 1) % PIXEL_PARTS
+                ] = beyond + (ground + (dark - ground) * share - beyond) * on
                 plain = -1.0
             if plain >= 0.0:
-                for part in range(PARTS * PARTS):
-                    out[v * PARTS + part // PARTS, u * PARTS + part % PARTS] = plain
+                for part in range(PIXEL_PARTS * PIXEL_PARTS):
+                    out[v * PIXEL_PARTS + part // PIXEL_PARTS, u * PIXEL_PARTS + part % PIXEL_PARTS] = plain
 
 
 def plate_light(
@@ -183,7 +183,7 @@ def plate_light(
     nodes = ray_nodes(model)
     rotation = np.ascontiguousarray(plate_from_camera.rotation)
     origin = plate_from_camera.translation.copy()
-    samples = np.empty((model.height * PARTS, model.width * PARTS), dtype=np.float32)
+    samples = np.empty((model.height * PIXEL_PARTS, model.width * PIXEL_PARTS), dtype=np.float32)
     levels = np.array([look.ground, look.mark, look.beyond])
     if plate.pattern.bright:
         levels = np.array([look.mark, look.ground, look.beyond])
@@ -191,7 +191,7 @@ def plate_light(
         board_radiance(nodes, rotation, origin, *board_tables(plate, plate.points), levels, samples)
     else:
         _plate_radiance(nodes, rotation, origin, *_mark_tables(plate), levels, samples)
-    return integrate(samples, PARTS, blur_px) * light.over(model)
+    return integrate(samples, PIXEL_PARTS, blur_px) * light.over(model)
 
 
 def _mark_tables(plate: Plate) -> tuple[Array, Array, Index, Array]:

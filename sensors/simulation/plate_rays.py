@@ -10,19 +10,19 @@ from alignment.arrays import Array
 from alignment.geometry import CameraModel
 from alignment.kernels import njit
 
-PARTS = 2
+PIXEL_PARTS = 2
 """Parts that a pixel is split into, along each side."""
-CELL = 4
+RAY_CELL = 4
 """Pixels between the nodes at which a camera's rays are computed; between them they are interpolated."""
-REACH = 0.75
+EDGE_REACH = 0.75
 """Pixels: an edge beyond half the diagonal does not cross the pixel."""
 _GRAZING = 1e-6  # rays that are flatter than this pass the plate
 
 
 def ray_nodes(model: CameraModel) -> Array:
     """Normalised coordinates (·, ·, 2) that the corners of the cells look along."""
-    rows, columns = -(-model.height // CELL), -(-model.width // CELL)
-    v, u = np.mgrid[0 : rows + 1, 0 : columns + 1] * float(CELL) - 0.5
+    rows, columns = -(-model.height // RAY_CELL), -(-model.width // RAY_CELL)
+    v, u = np.mgrid[0 : rows + 1, 0 : columns + 1] * float(RAY_CELL) - 0.5
     nodes: Array = model.normalise(np.column_stack([u.ravel(), v.ravel()])).reshape(rows + 1, columns + 1, 2)
     return nodes
 
@@ -59,13 +59,13 @@ def place(
     Returns whether it looks towards the plate; x and y in the plate; how much x and y grow with the height
     over the plate; the derivatives dx/du, dy/du, dx/dv, dy/dv.
     """
-    column, row = int((u + 0.5) / CELL), int((v + 0.5) / CELL)
-    fu, fv = (u + 0.5) / CELL - column, (v + 0.5) / CELL - row
+    column, row = int((u + 0.5) / RAY_CELL), int((v + 0.5) / RAY_CELL)
+    fu, fv = (u + 0.5) / RAY_CELL - column, (v + 0.5) / RAY_CELL - row
     x = y = xu = yu = xv = yv = 0.0
     for corner in range(4):
         right, below = corner % 2, corner // 2
         wu, wv = fu if right else 1.0 - fu, fv if below else 1.0 - fv
-        su, sv = (2.0 * right - 1.0) * wv / CELL, (2.0 * below - 1.0) * wu / CELL
+        su, sv = (2.0 * right - 1.0) * wv / RAY_CELL, (2.0 * below - 1.0) * wu / RAY_CELL
         nx, ny = nodes[row + below, column + right, 0], nodes[row + below, column + right, 1]
         x += wu * wv * nx
         y += wu * wv * ny

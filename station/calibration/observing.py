@@ -29,7 +29,7 @@ from station.figures import Progress
 MARKS_SHARE = 0.5
 """Of the time of a calibration that finding marks takes, for the progress."""
 
-Seen = MarkObservations | PlateRefusal | Numberings
+Looked = MarkObservations | PlateRefusal | Numberings
 Refusals = list[tuple[str, CameraKey, PlateRefusal]]
 
 
@@ -78,10 +78,10 @@ def observe_session(
     jobs = [(view, key) for view in session.views for key in view.images]
     plates = {head: session.plate.seen_by(head) for head in session.heads}
     by_stage = session.plate.plate.pattern.orientation is Orientation.STAGE
-    look: Callable[[Image, Plate], Seen] = (
+    look: Callable[[Image, Plate], Looked] = (
         number_marks if by_stage else partial(observe_plate, corrected=False)
     )
-    found: dict[tuple[str, CameraKey], Seen] = {}
+    found: dict[tuple[str, CameraKey], Looked] = {}
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         results = pool.map(lambda job: look(job[0].images[job[1]], plates[job[1][0]]), jobs)
         for n, ((view, key), result) in enumerate(zip(jobs, results, strict=True)):
@@ -105,9 +105,9 @@ def observe_session(
 def _told(
     session: PlateSession,
     key: CameraKey,
-    found: dict[tuple[str, CameraKey], Seen],
+    found: dict[tuple[str, CameraKey], Looked],
     known: KnownCameras | None,
-) -> dict[tuple[str, CameraKey], Seen]:
+) -> dict[tuple[str, CameraKey], Looked]:
     """What one camera saw, numbered with what all its views tell together."""
     views = [
         (view, one) for view in session.views if isinstance(one := found.get((view.name, key)), Numberings)

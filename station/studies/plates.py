@@ -52,7 +52,7 @@ _PITCH_MM, _DIAMETER_MM = 8.0, 5.4
 _HALF_MM = 40.0
 
 
-def plates() -> dict[str, PlateDescription]:
+def compared_plates() -> dict[str, PlateDescription]:
     """Return the plates that are compared, by name, the one with ring marks first."""
     grid = {"columns": (-5, 5), "rows": (-5, 5), "pitch_x_mm": _PITCH_MM, "pitch_y_mm": _PITCH_MM}
     circles = {"mark_diameter_mm": _DIAMETER_MM, "orientation": "stage"}
@@ -76,7 +76,7 @@ def described_plate(name: str, pattern: str, fields: Mapping[str, Any]) -> Plate
     return describe_plate(PatternPlateFile.model_validate(known | dict(fields)))
 
 
-def observed(
+def observed_with(
     true: RigCalibration, plate: PlateDescription, rng: np.random.Generator, views: int
 ) -> tuple[CalibrationInput, PlateTruth]:
     """Marks of rendered images of a plate before a head, and the truth.
@@ -107,7 +107,7 @@ def misnumbered(true: RigCalibration, data: CalibrationInput, truth: PlateTruth)
     return wrong
 
 
-def errors_of(true: RigCalibration, found: Mapping[CameraKey, PosedCamera]) -> tuple[float, float]:
+def calibration_errors(true: RigCalibration, found: Mapping[CameraKey, PosedCamera]) -> tuple[float, float]:
     """RMS errors of what a calibration measures: of points, µm; of the normals of planes, arcminutes."""
     known = cameras_of_rig(true)
     left, right = cameras_of_rig(true)
@@ -130,12 +130,12 @@ def _rms(values: Array) -> float:
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     """Run the study; see `RunStudy`."""
-    return run_plates(2 if quick else 12, _FEW_STAGES if quick else len(_STAGES), seed, progress)
+    return run_plates(2 if quick else 8, _FEW_STAGES if quick else len(_STAGES), seed, progress)
 
 
 def run_plates(heads: int, views: int, seed: int, progress: Progress) -> StudyResult:
     """Run the study with so many heads and views of each plate."""
-    compared = plates()
+    compared = compared_plates()
     points: dict[str, list[float]] = {name: [] for name in compared}
     angles: dict[str, list[float]] = {name: [] for name in compared}
     wrong = 0
@@ -143,9 +143,9 @@ def run_plates(heads: int, views: int, seed: int, progress: Progress) -> StudyRe
         true = build_head(SPEC, np.random.default_rng([seed, k]))
         for n, (name, plate) in enumerate(compared.items()):
             progress((k + n / len(compared)) / heads, f"head {k + 1} of {heads}, {name}")
-            data, truth = observed(true, plate, np.random.default_rng([seed, k, 1]), views)
+            data, truth = observed_with(true, plate, np.random.default_rng([seed, k, 1]), views)
             wrong += misnumbered(true, data, truth)
-            point, angle = errors_of(true, calibrate_jointly(data))
+            point, angle = calibration_errors(true, calibrate_jointly(data))
             points[name].append(point)
             angles[name].append(angle)
     figures: dict[str, float] = {"misnumbered_marks": float(wrong)}

@@ -76,7 +76,7 @@ def test_the_calibration_input_of_the_document_is_read(tmp_path):
 
 
 def test_the_plate_of_the_document_is_read_with_its_certificate(tmp_path):
-    toml, _ = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+    toml, _, _ = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
     (certificate,) = re.findall(r"```csv\n(.*?)```", DOCUMENT, re.DOTALL)
     listed = {tuple(line.split(",")[:2]) for line in certificate.splitlines()[2:]}
     grid = itertools.product(range(-5, 6), repeat=2)
@@ -86,6 +86,14 @@ def test_the_plate_of_the_document_is_read_with_its_certificate(tmp_path):
     plate = read_plate(tmp_path / "head.toml").plate
     assert plate.points[0].tolist() == [-74.9983, -75.0021, 0.0]
     assert plate.sigma_mm[0, 0] == 0.0005 < plate.sigma_mm[0, 2]
+
+
+def test_the_pattern_plate_of_the_document_is_read(tmp_path):
+    _, toml, _ = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+    (tmp_path / "dots.toml").write_text(toml, encoding="utf-8")
+    plate = read_plate(tmp_path / "dots.toml").plate
+    assert len(plate.points) == 100
+    assert plate.points[-1].tolist() == [90.0, 90.0, 0.0]
 
 
 def test_the_session_of_the_document_is_read(tmp_path):
@@ -101,7 +109,7 @@ def test_the_session_of_the_document_is_read(tmp_path):
 
 
 def test_the_gauge_frame_of_the_document_is_read(tmp_path):
-    _, toml = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
+    _, _, toml = re.findall(r"```toml\n(.*?)```", DOCUMENT, re.DOTALL)
     path = CONFIGS / "plates" / "rig.toml"
     (tmp_path / "gauge.toml").write_text(toml.replace('"rig.toml"', json.dumps(str(path))), encoding="utf-8")
     seen = read_gauge_frame(tmp_path / "gauge.toml").plates["front_left"]

@@ -206,6 +206,33 @@ def test_clutter_in_the_background_does_not_matter() -> None:
         assert_numbered_right(found, plate, camera)
 
 
+def test_a_spot_on_the_grid_beside_the_plate_is_no_mark_of_it() -> None:
+    """With a column hidden on the other side the marks would have fitted the plate, one place off."""
+    plate = board("circles", columns=(0, 7))
+    camera = looking_at(plate, distance=360.0)
+    image = image_of(plate, camera)
+    beside = camera.project(np.array([[-15.0, 45.0, 0.0]]))[0]
+    x, y = (int(v) for v in np.rint(beside))
+    cv2.circle(image, (x, y), 18, 180, -1)
+    cv2.circle(image, (x, y), 10, 11, -1)
+    found = seen(image, plate)
+    assert len(found.marks) == len(plate.points)
+    assert_numbered_right(found, plate, camera)
+    last = camera.project(np.array([[105.0 - 7.5, -30.0, 0.0], [105.0 + 15.0, 140.0, 0.0]]))
+    (left, bottom), (right, top) = np.rint(last).astype(int)
+    image[top:bottom, left:right] = 180
+    assert refused(image, plate).code is PlateRefusalCode.AMBIGUOUS
+
+
+@pytest.mark.parametrize(
+    "larger", [{"columns": (0, 10)}, {"rows": (0, 9)}, {"columns": (0, 9), "rows": (0, 8)}]
+)
+def test_a_larger_chessboard_than_the_file_s_is_refused(larger: dict) -> None:
+    plate = board("chessboard")
+    image = image_of(board("chessboard", **larger), looking_at(plate, distance=420.0))
+    assert refused(image, plate).code in (PlateRefusalCode.NOT_THIS_PLATE, PlateRefusalCode.NO_MARKS)
+
+
 def test_a_mirrored_image_is_told_where_the_pattern_tells() -> None:
     plate = board("circles", orientation="corner", corner={"index": (0, 0), "look": "missing"})
     image = np.ascontiguousarray(image_of(plate, looking_at(plate))[:, ::-1])

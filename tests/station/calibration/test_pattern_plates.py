@@ -16,7 +16,7 @@ from sensors.simulation.plate_session import PlatePosition, PlateSessionSpec, si
 from station.calibration.calibrate import CalibrateSettings, calibrate_session
 from station.calibration.observing import KnownCameras, observe_session
 from station.studies.heads import build_head
-from station.studies.plates import SPEC, described_plate, misnumbered, plates
+from station.studies.plates import SPEC, compared_plates, described_plate, misnumbered
 from tests.once import once
 
 LOW = PlatePosition("low", (0.0, 0.0, -25.0))
@@ -112,7 +112,7 @@ def test_an_upright_plate_needs_no_stage() -> None:
 def test_every_kind_is_numbered_right_and_located_as_well_as_our_own() -> None:
     """The long comparison is `truewheel study plates`."""
     errors = {}
-    for name, plate in plates().items():
+    for name, plate in compared_plates().items():
         session, truth = taken(plate, *((LOW, RIGHT) if name.endswith("circles") else (LOW,)))
         views, refusals = observe_session(session, lambda _share, _what: None)
         assert not refusals, name
@@ -131,7 +131,7 @@ def test_every_kind_is_numbered_right_and_located_as_well_as_our_own() -> None:
 
 
 def test_a_pattern_is_none_of_the_plate_s_radius() -> None:
-    plate = plates()["chessboard"].plate
+    plate = compared_plates()["chessboard"].plate
     with pytest.raises(DegenerateInputError, match="0 for corners of squares"):
         replace(plate, mark_radius_mm=1.0)
     with pytest.raises(DegenerateInputError, match="mark_radius_mm"):
