@@ -58,7 +58,7 @@ def test_whoever_follows_the_page_has_a_calibrated_rig_at_its_end(
     assert [view["stage_mm"] is None for view in session["views"]] == [False, False, False, True]
     assert "accepted:" in said["calibrate plate/front_left"]
     assert "wrote placed/front_left.json" in said["calibration frame gauge"]
-    angles = re.search(r"camber (\S+)°.*toe (\S+)°", said["measure shots/front_left/001"])
+    angles = re.search(r"^camber (\S+)° .*\ntoe +(\S+)° ", said["measure shots/front_left/001"])
     assert angles is not None, said
     assert float(angles[1]) == pytest.approx(-0.5, abs=0.003)
     assert float(angles[2]) == pytest.approx(0.1, abs=0.003)
