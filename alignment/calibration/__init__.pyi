@@ -22,6 +22,7 @@ from .faugeras import calibrate_faugeras as calibrate_faugeras
 from .gate import CalibrationProblem as CalibrationProblem
 from .gate import GateJudgement as GateJudgement
 from .gate import GateLimits as GateLimits
+from .gate import image_share as image_share
 from .gate import image_warnings as image_warnings
 from .gate import judge_calibration as judge_calibration
 from .gate import judge_failure as judge_failure

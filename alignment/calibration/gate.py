@@ -260,7 +260,7 @@ def camera_figures(adjustment: Adjustment) -> tuple[CameraFigures, ...]:
                 camera=key,
                 views=len(np.unique(adjustment.view[mine])),
                 marks=len(mine),
-                image_share=_image_share(adjustment.pixels[mine], data.sizes[key]),
+                image_share=image_share(adjustment.pixels[mine], data.sizes[key]),
                 depth_share=_depth_share(adjustment, key, mine),
                 noise_scale=adjustment.noise_scale[key],
                 outliers=float((adjustment.weights[mine] < 0.5).mean()),
@@ -413,7 +413,8 @@ def _weak(
     return None
 
 
-def _image_share(pixels: Array, size: tuple[int, int]) -> float:
+def image_share(pixels: Array, size: tuple[int, int]) -> float:
+    """Share of an image (width, height) inside the hull of places (N, 2); 0 where they have none."""
     try:
         return float(ConvexHull(pixels).volume) / (size[0] * size[1])
     except (QhullError, ValueError):

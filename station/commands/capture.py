@@ -63,6 +63,7 @@ def plate_session(
 
     Exit status 1 when the session is written and lacks something that the calibration will ask for.
     """
+    from alignment.errors import TruewheelError
     from sensors.formats import plate_plan, read_plate, write_plate_session
     from station.maintenance import PlateCapture, opened_rig, recorded_shots
     from station.maintenance import rig_index as index_of
@@ -76,16 +77,23 @@ def plate_session(
         work.expose(exposure_ms)
         capture = PlateCapture(work, side, described, stage_tolerance_mm)
         plan = plate_plan(views)
-        for number, planned in enumerate(plan, 1):
-            _say(as_json, f"view {number} of {len(plan)}, {planned.name}: {_instruction(planned)}")
-            if shots is not None:
-                going_on = _one(work, capture, planned, as_json)
-            elif auto:
-                going_on = _when_still(work, capture, planned, wait, as_json)
-            else:
-                going_on = _by_hand(work, capture, planned, as_json)
-            if not going_on:
-                break
+        try:
+            for number, planned in enumerate(plan, 1):
+                _say(as_json, f"view {number} of {len(plan)}, {planned.name}: {_instruction(planned)}")
+                if shots is not None:
+                    going_on = _one(work, capture, planned, as_json)
+                elif auto:
+                    going_on = _when_still(work, capture, planned, wait, as_json)
+                else:
+                    going_on = _by_hand(work, capture, planned, as_json)
+                if not going_on:
+                    break
+        except TruewheelError:
+            # A camera that is lost amid the session must not cost the views before.
+            if capture.views:
+                write_plate_session(out, capture.session())
+                typer.echo(f"kept {count_of(len(capture.views), 'view')} in {out}", err=True)
+            raise
     if not capture.views:
         typer.echo("nothing written: no view of the plate was taken", err=True)
         raise typer.Exit(GOAL_MISSED)

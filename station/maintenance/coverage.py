@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from alignment.arrays import Array
-from alignment.calibration import CameraKey, GateLimits
+from alignment.calibration import CameraKey, GateLimits, image_share
 from alignment.counting import count_of, listed
 from alignment.imaging import MarkObservations, Plate
 from sensors.formats import PlannedView
@@ -81,17 +80,9 @@ def coverage_of(
         seen = [view.marks[key].pixels for view in views if key in view.marks]
         pixels = np.concatenate(seen) if seen else np.empty((0, 2))
         out.append(
-            CameraCoverage(key, len(seen), len(pixels), hull_share(pixels, size), _missing(pixels, size))
+            CameraCoverage(key, len(seen), len(pixels), image_share(pixels, size), _missing(pixels, size))
         )
     return tuple(out)
-
-
-def hull_share(pixels: Array, size: tuple[int, int]) -> float:
-    """Share of an image (width, height) inside the hull of places (N, 2); 0 where they have none."""
-    try:
-        return float(ConvexHull(pixels).volume) / (size[0] * size[1])
-    except (QhullError, ValueError):
-        return 0.0
 
 
 def _missing(pixels: Array, size: tuple[int, int]) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from pathlib import Path
@@ -107,6 +108,25 @@ def test_a_session_that_lacks_something_is_written_and_says_what(
     assert "the recording ends here" in made.out
     assert "missing: 2 views so far, at least 3 are needed" in made.out
     assert len(json.loads((tmp_path / "session" / "session.json").read_text())["views"]) == 2
+
+
+@pytest.mark.slow
+def test_views_that_are_taken_outlive_a_camera_that_is_lost(
+    truewheel: Truewheel, bare: Path, plate_shots: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.rmtree(bare.parent / "shots")
+    for number, folder in enumerate(sorted(plate_shots.iterdir())[:2]):
+        shutil.copytree(folder / "front_left", bare.parent / "shots" / f"{number:03d}")
+    change(bare, "at_end = 'repeat'", "at_end = 'stop'")
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n7.5 7.5 -30.002\n\n\n"))
+    options = ("--config", bare, "--plate", PLATE, "--out", tmp_path / "session")
+    made = truewheel("capture", "plate-session", "front_left", *options)
+    assert made.status == 3
+    assert "the recording ended after 2 shots" in made.err
+    assert "kept 2 views" in made.err
+    session = read_plate_session(tmp_path / "session")
+    assert session.views[1].stage_mm is not None
+    assert session.views[1].stage_mm.tolist() == [7.5, 7.5, -30.002]
 
 
 def test_a_wheel_in_place_of_the_plate_is_no_view(truewheel: Truewheel, bare: Path, tmp_path: Path) -> None:

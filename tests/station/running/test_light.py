@@ -13,7 +13,7 @@ from sensors.projectors.lit_rig import LitRig
 from sensors.simulation.simulated_rig import SimulatedRig
 from station.configuration.settings import read_configuration
 from station.cycle.positions import CalibrationInForce, WheelPosition
-from station.cycle.words import ErrorCode
+from station.cycle.words import ErrorCode, Outcome
 from station.running.cameras import make_rig, open_rig
 from station.running.checking import check_configuration
 from station.running.light import with_light
@@ -21,7 +21,7 @@ from tests.sensors.projectors.fakes import NotedProjector
 from tests.sensors.samples import StillClock
 from tests.sensors.samples import calibration as sample_calibration
 from tests.sensors.test_rig import make_rig as six_cameras
-from tests.station.bench import TODAY, measurement
+from tests.station.bench import TODAY, measurement, open_bench
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -77,3 +77,16 @@ def test_a_rig_that_is_not_calibrated_shows_its_cameras_and_measures_nothing(tmp
         open_rig(configuration, 0)
     _, findings = check_configuration(path)
     assert any("rigs[0].calibration" in str(finding) for finding in findings)
+
+
+def test_a_projector_lost_between_two_cycles_is_a_fault_until_a_reset_and_the_other_wheels_go_on() -> None:
+    with open_bench() as bench:
+        bench.rigs["front_left"].arm_error = ProjectorError("front_left", "no answer", "Check its cable")
+        bench.trigger(1)
+        outcomes = bench.line.outcomes
+        assert outcomes["front_left"] is Outcome.FAULT
+        assert outcomes["rear_left"] is not Outcome.FAULT
+        assert bench.line.status.error_code is ErrorCode.CAMERA_FAULT
+        [cycle] = bench.store.cycles
+        [text] = [wheel.reason_text for wheel in cycle.wheels if wheel.wheel == "front_left"]
+        assert "projector of front_left: no answer. Check its cable" in str(text)
