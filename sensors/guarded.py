@@ -189,6 +189,11 @@ class GuardedCamera:
             self.counts.frames += 1
         return frame
 
+    @property
+    def leads(self) -> bool:
+        """As of the driver's own camera; see `Camera`."""
+        return bool(getattr(self._camera, "leads", False))
+
     def ask(self, what: str, question: Callable[[Camera], _T]) -> _T:
         """Make another call of the driver than those of every camera, in its thread and within its bound.
 
