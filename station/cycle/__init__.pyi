@@ -1,4 +1,6 @@
+from .acceptance import corrected_and_judged as corrected_and_judged
 from .coalesced import Coalesced as Coalesced
+from .failure import Failure as Failure
 from .frame import CommonFrame as CommonFrame
 from .geometry_words import GEOMETRY as GEOMETRY
 from .geometry_words import GEOMETRY_ANGLES as GEOMETRY_ANGLES
@@ -18,12 +20,10 @@ from .ports import Line as Line
 from .ports import Observer as Observer
 from .ports import Store as Store
 from .positions import CalibrationInForce as CalibrationInForce
-from .positions import Failure as Failure
 from .positions import MeasuredWith as MeasuredWith
 from .positions import MeasureFunction as MeasureFunction
 from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
-from .positions import corrected_and_judged as corrected_and_judged
 from .positions import utc_now as utc_now
 from .series import SeriesChoice as SeriesChoice
 from .verdict import Status as Status

@@ -11,9 +11,10 @@ from typing import Protocol, Self
 
 from alignment.errors import TruewheelError
 from alignment.wheel import LiveSpin
+from station.cycle.failure import fault
 from station.cycle.frame import CommonFrame
 from station.cycle.judging import evaluate
-from station.cycle.positions import WheelPosition, WheelResult, fault
+from station.cycle.positions import WheelPosition, WheelResult
 from station.cycle.under_way import CycleUnderWay
 from station.cycle.verdict import Status, combined
 from station.cycle.wheel_runs import run_wheels

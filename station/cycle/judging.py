@@ -20,8 +20,9 @@ from alignment.vehicle import (
 from alignment.wheel import run_out_mm
 from db.records import Reference
 from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
+from station.cycle.failure import Failure
 from station.cycle.frame import CommonFrame, geometry_of, whole_vehicle
-from station.cycle.positions import Failure, WheelResult
+from station.cycle.positions import WheelResult
 from station.cycle.verdict import Angle, Status, missed_in_words
 
 

@@ -20,6 +20,7 @@ from station.configuration import VehicleType
 from station.cycle.adjusting import Adjusting, RunOutBefore
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
+from station.cycle.failure import Failure, fault
 from station.cycle.frame import CommonFrame, frame_for, tells_toe
 from station.cycle.held import Closing, Held
 from station.cycle.judging import Evaluation, axle_of, evaluate, lengths_missed
@@ -27,7 +28,7 @@ from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.cycle.positions import Failure, WheelPosition, WheelResult, fault, utc_now
+from station.cycle.positions import WheelPosition, WheelResult, utc_now
 from station.cycle.record import cycle_record, run_out_notes
 from station.cycle.series import SeriesChoice
 from station.cycle.states import StateMachine

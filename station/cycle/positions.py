@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +11,6 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
-from alignment.counting import listed
 from alignment.errors import TruewheelError, together
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
 from alignment.prepared import PreparedRig
@@ -30,18 +28,17 @@ from alignment.wheel import LiveSpin, SeriesRules, SpinMeasurement
 from db.records import CalibrationRecord, WheelOutcome, ZeroRecord
 from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
+from station.cycle.acceptance import corrected_and_judged
+from station.cycle.failure import Failure, fault
 from station.cycle.retaking import Retaking, of_cameras
 from station.cycle.series import SeriesError, SeriesPlan, take_series
 from station.cycle.words import ErrorCode
-from station.cycle.zero import correction_of
 from station.threads import Worker
 
 MeasureFunction = Callable[[Sequence[StereoImages], PreparedRig, MeasureSettings], WheelMeasurement | Refusal]
 
 
 _LOG = logging.getLogger("truewheel.station")
-LARGEST_UNCERTAINTY = math.radians(1.0)
-"""Expanded; beyond it a value says nothing about a vehicle, and the line cannot carry it."""
 
 
 def utc_now() -> datetime:
@@ -97,36 +94,6 @@ class CalibrationInForce:
             valid_from_utc=self.created_utc,
             document=self.document,
         )
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a wheel has no angles.
-
-    Attributes
-    ----------
-    outcome
-        ``refused`` when the images were taken and judged unusable, ``fault`` when the station failed.
-    error_code
-        What the line is told.
-    reason_code, text
-        What is recorded: for programs, and for people.
-    """
-
-    outcome: WheelOutcome
-    error_code: ErrorCode
-    reason_code: str
-    text: str
-
-    @property
-    def needs_reset(self) -> bool:
-        """Whether somebody must look at the station before the next cycle, unlike after a refused wheel."""
-        return self.outcome is WheelOutcome.FAULT and self.error_code is not ErrorCode.NONE
-
-
-def fault(error_code: ErrorCode, text: str) -> Failure:
-    """Return the failure of a station part."""
-    return Failure(WheelOutcome.FAULT, error_code, str(error_code), text)
 
 
 ABORTED = Failure(
@@ -445,59 +412,6 @@ class WheelPosition:
     def _zero(self, zeros: Sequence[ZeroRecord]) -> ZeroRecord | None:
         own = self.name, self.in_force.calibration.id
         return next((zero for zero in zeros if (zero.rig, zero.calibration_id) == own), None)
-
-
-def corrected_and_judged(
-    found: WheelMeasurement | Refusal, wheel: str, side: Side, zero: ZeroRecord | None, needs_place: bool
-) -> tuple[WheelMeasurement | None, Failure | None]:
-    """Return what counts of a wheel that was measured, or why nothing does.
-
-    Parameters
-    ----------
-    found
-        By the measurement.
-    wheel, side
-        Of the vehicle.
-    zero
-        Corrects it; None where there is none.
-    needs_place
-        Whether a wheel without a place is refused.
-    """
-    if isinstance(found, Refusal):
-        return None, _refused(wheel, str(found.code), found.reason)
-    if zero is not None:
-        found = correction_of(zero, side).corrected(found)
-    uncertainties = found.camber_u, found.toe_u
-    finite = all(map(math.isfinite, (found.camber, found.toe, *uncertainties)))
-    if not finite or min(uncertainties) <= 0:
-        return None, fault(
-            ErrorCode.INTERNAL_FAULT,
-            f"{wheel}: expected finite angles with uncertainties above 0 from the measurement, "
-            f"found camber {found.camber}, toe {found.toe}, uncertainties {listed(uncertainties)}; "
-            "report this as a defect",
-        )
-    expanded = found.coverage_factor * max(uncertainties)
-    if expanded > LARGEST_UNCERTAINTY:
-        return None, _refused(
-            wheel,
-            "too_uncertain",
-            f"expected an expanded uncertainty of at most {math.degrees(LARGEST_UNCERTAINTY):g}°, found "
-            f"{math.degrees(expanded):.2f}°; clean the tyre and the windows of the heads, and check the "
-            "calibration",
-        )
-    if needs_place and found.reference is None:
-        return None, _refused(
-            wheel,
-            "no_place",
-            "expected to see the outermost ring of the sidewall, which gives the wheel its place in the "
-            f"vehicle, found none by '{found.method}'; check that the heads see the widest part of the tyre, "
-            "and that measure.method is 'revolution'",
-        )
-    return found, None
-
-
-def _refused(wheel: str, code: str, why: str) -> Failure:
-    return Failure(WheelOutcome.REFUSED, ErrorCode.MEASUREMENT_REFUSED, code, f"{wheel}: {why}")
 
 
 def result_of(future: Future[WheelResult], position: WheelPosition) -> WheelResult:

@@ -12,7 +12,7 @@ from concurrent.futures import Future, wait
 from typing import Any, ParamSpec, TypeVar
 
 from alignment.errors import TruewheelError
-from station.cycle.positions import Failure, fault
+from station.cycle.failure import Failure, fault
 from station.cycle.series import MOST_WAITING
 from station.cycle.words import ErrorCode
 from station.threads import Worker, WorkerError

@@ -60,7 +60,7 @@ class ScriptedCamera:
     """A driver object."""
 
     def __init__(self, device: Device) -> None:
-        self.device, self.name = device, device.name
+        self.device, self.name, self.leads = device, device.name, False
         self._connected = False
         self._settings: CameraSettings | None = None
         self._counter = 0

@@ -376,11 +376,14 @@ def test_statistics_are_asked_for_once_in_a_while_and_harm_nothing(device: Devic
     camera.close()
 
 
-def test_a_guarded_camera_that_leads_is_still_triggered_last(camera: GuardedCamera) -> None:
+def test_a_guarded_camera_that_leads_is_still_triggered_last(device: Device, patience: Patience) -> None:
     """The guard hid that a camera makes the others expose: they were not yet waiting for its line."""
-    assert not camera.leads
-    camera._camera.leads = True  # type: ignore[attr-defined]
-    assert camera.leads
+    own = ScriptedCamera(device)
+    guarded = GuardedCamera(own, device.make, BOUNDS, patience, size=(HEIGHT, WIDTH))
+    assert not guarded.leads
+    own.leads = True
+    assert guarded.leads
+    guarded.close()
 
 
 def test_what_only_one_driver_can_is_asked_in_its_thread_and_within_its_bound(

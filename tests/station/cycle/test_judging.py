@@ -16,9 +16,10 @@ from db.records import CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelO
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import Standing, answers_of
 from station.cycle.contradiction import contradicts
+from station.cycle.failure import Failure, fault
 from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
-from station.cycle.positions import Failure, WheelResult, fault
+from station.cycle.positions import WheelResult
 from station.cycle.record import cycle_record
 from station.cycle.under_way import CycleUnderWay, Trouble
 from station.cycle.verdict import Status

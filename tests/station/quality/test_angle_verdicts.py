@@ -32,8 +32,9 @@ from db.records import (
 from db.store import ResultStore
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import axle_records, vehicle_record, wheel_records
+from station.cycle.failure import fault
 from station.cycle.judging import Evaluation, evaluate
-from station.cycle.positions import WheelResult, fault
+from station.cycle.positions import WheelResult
 from station.cycle.verdict import Status
 from station.quality.selection import newest_vin
 from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
