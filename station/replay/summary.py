@@ -6,14 +6,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from station.replay.values import Replayed, State
+from station.replay.values import Replayed, ReplayState
 
 MOST_LISTED = 1000
 """Folders that are listed; the journal holds all."""
 
 
 @dataclass
-class Summary:
+class ReplaySummary:
     """Counts of a replay.
 
     Attributes
@@ -39,7 +39,7 @@ class Summary:
     """
 
     archive: Path
-    states: Counter[State] = field(default_factory=Counter)
+    states: Counter[ReplayState] = field(default_factory=Counter)
     causes: Counter[str] = field(default_factory=Counter)
     listed: list[Replayed] = field(default_factory=list)
     measured: int = 0
@@ -57,7 +57,7 @@ class Summary:
     @property
     def identical(self) -> bool:
         """Whether nothing differs, is damaged, or could not be compared."""
-        return self.folders == self.states[State.IDENTICAL]
+        return self.folders == self.states[ReplayState.IDENTICAL]
 
     def add(self, done: Replayed) -> None:
         """Count a folder."""
@@ -70,5 +70,5 @@ class Summary:
             if each.field in ("camber", "toe", "run_out") and isinstance(each.stored, float):
                 apart = abs(each.stored - each.found) if isinstance(each.found, float) else 0.0
                 self.largest[each.field] = max(apart, self.largest.get(each.field, 0.0))
-        if done.state is not State.IDENTICAL and len(self.listed) < MOST_LISTED:
+        if done.state is not ReplayState.IDENTICAL and len(self.listed) < MOST_LISTED:
             self.listed.append(done)
