@@ -59,7 +59,8 @@ DATABASES: dict[str, tuple[str, ...]] = {
 }
 ASKED_ELSEWHERE = {
     # These write nothing but the database, at once, or only read it.
-    "db check", "db event", "db migrate", "db restore", "db show", "db sums", "db backup", "export", "report", "replay",
+    "db check", "db event", "db migrate", "db restore", "db show", "db sums", "db backup", "export", "report",
+    "replay",
     "gauge fill", "gauge list", "gauge plan", "gauge type1", "gauge grr", "gauge linearity",
     "gauge stability", "zero list", "zero revoke",
     # Makes what is not there.
