@@ -242,6 +242,7 @@ def summary_as_json(summary: ReplaySummary) -> dict[str, Any]:
         "measured_by_earlier_run": summary.earlier,
         "states": {str(state): summary.states[state] for state in ReplayState},
         "causes": dict(summary.causes),
+        "lacks": dict(summary.lacks),
         "largest_difference_arcmin": {name: value / ARCMIN for name, value in summary.largest.items()},
         "listed": [each.plain() for each in summary.listed],
         "not_listed": summary.folders - summary.states[ReplayState.IDENTICAL] - len(summary.listed),
@@ -266,6 +267,8 @@ def _print(summary: ReplaySummary) -> None:
     typer.echo(f"{count_of(summary.folders, 'wheel')}: {', '.join(counts)}{earlier}")
     for name, count in summary.causes.most_common():
         typer.echo(f"  {count} × {name}")
+    for name, count in summary.lacks.most_common():
+        typer.echo(f"  not known of {count}: {name}")
     if summary.largest:
         most = ", ".join(f"{name} {value / ARCMIN:.4g}′" for name, value in summary.largest.items())
         typer.echo(f"largest differences: {most}")

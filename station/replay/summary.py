@@ -8,6 +8,7 @@ from pathlib import Path
 
 from station.replay.values import Replayed, ReplayState
 
+MOST_KINDS = 50
 MOST_LISTED = 1000
 """Folders that are listed; the journal holds all."""
 
@@ -24,6 +25,8 @@ class ReplaySummary:
         How many folders are in each.
     causes
         How often each cause was found, by its kind.
+    lacks
+        What archives do not hold, and of how many folders; at most `MOST_KINDS`.
     listed
         Those that are not identical, at most `MOST_LISTED`.
     measured
@@ -41,6 +44,7 @@ class ReplaySummary:
     archive: Path
     states: Counter[ReplayState] = field(default_factory=Counter)
     causes: Counter[str] = field(default_factory=Counter)
+    lacks: Counter[str] = field(default_factory=Counter)
     listed: list[Replayed] = field(default_factory=list)
     measured: int = 0
     earlier: int = 0
@@ -66,6 +70,9 @@ class ReplaySummary:
         self.measure_s += done.duration_s
         for text in done.causes:
             self.causes[text.partition(":")[0]] += 1
+        for text in done.lacks:
+            if text in self.lacks or len(self.lacks) < MOST_KINDS:
+                self.lacks[text] += 1
         for each in done.differences:
             if each.field in ("camber", "toe", "run_out") and isinstance(each.stored, float):
                 apart = abs(each.stored - each.found) if isinstance(each.found, float) else 0.0

@@ -20,11 +20,13 @@ import pytest
 from alignment.errors import ConfigurationError
 from db.queries import ResultReader
 from station.cli import main
+from station.commands.replay import summary_as_json
 from station.replay.cluster import measure_on_cluster
 from station.replay.journal import Journal, identity
 from station.replay.pool import ENDED, measure_in_processes
 from station.replay.run import ReplayRequest, replay_archive
 from station.replay.stored import StoredResults
+from station.replay.summary import MOST_KINDS, ReplaySummary
 from station.replay.values import Choices, Job, Replayed, ReplayState
 from tests.station.replay.archives import WHEEL
 from tests.station.replay.test_one import all_lost, altered, folders, station, truncated
@@ -359,3 +361,15 @@ def test_progress_and_counts_of_a_run_of_which_everything_was_measured_before(ar
         again = replay_archive(request, seen.append)
     assert (again.folders, again.earlier, len(seen)) == (3, 3, len(of_it))
     assert time.monotonic() - started < 60
+
+
+def test_what_archives_lack_is_told_where_nothing_differs_too() -> None:
+    """An earlier archive came out identical, and nobody was told that its images may have been changed."""
+    summary = ReplaySummary(Path("images"))
+    for key in ("a", "b"):
+        summary.add(Replayed(key, ReplayState.IDENTICAL, measured=True, lacks=("hashes",)))
+    assert summary.identical
+    assert summary_as_json(summary)["lacks"] == {"hashes": 2}
+    for number in range(100):
+        summary.add(Replayed(str(number), ReplayState.INCOMPLETE, lacks=(f"zero {number}",)))
+    assert len(summary.lacks) == MOST_KINDS
