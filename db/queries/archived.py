@@ -38,7 +38,7 @@ from db.schema import (
     zero_measurements,
 )
 
-PORTION = 500
+_PORTION = 500
 """Cycles or images that one question takes at most."""
 
 
@@ -53,11 +53,11 @@ class ArchivedCycle:
 
 @question
 def archived_cycles(reader: ResultReader, uuids: Sequence[UUID]) -> dict[UUID, ArchivedCycle]:
-    """Those of some cycles that are stored; at most `PORTION` in one question."""
+    """Those of some cycles that are stored; at most `_PORTION` in one question."""
     found: dict[UUID, ArchivedCycle] = {}
     with reader.transaction() as connection:
-        for start in range(0, len(uuids), PORTION):
-            portion = uuids[start : start + PORTION]
+        for start in range(0, len(uuids), _PORTION):
+            portion = uuids[start : start + _PORTION]
             records = [c.record for c in read_cycles(connection, CYCLES.where(cycles.c.uuid.in_(portion)))]
             rows = connection.execute(SHOTS.where(cycles.c.uuid.in_(portion), _KEPT)).mappings()
             shots = [record_of(ArchivedShotRecord, row) for row in rows]
@@ -81,7 +81,7 @@ def kept_images(reader: ResultReader, at: Sequence[str]) -> Iterator[ArchivedSho
 @question
 def _kept_after(reader: ResultReader, at: Sequence[str], last: int) -> list[tuple[int, ArchivedShotRecord]]:
     of_these = _KEPT & cycles.c.station.in_(at)
-    query = SHOTS.where(of_these, archived_shots.c.id > last).order_by(archived_shots.c.id).limit(PORTION)
+    query = SHOTS.where(of_these, archived_shots.c.id > last).order_by(archived_shots.c.id).limit(_PORTION)
     with reader.transaction() as connection:
         rows = connection.execute(query).mappings()
         return [(row["id"], record_of(ArchivedShotRecord, row)) for row in rows]

@@ -23,7 +23,7 @@ from station.commands.selection import FromOption, UntilOption
 from station.commands.warm_up import compiled_for
 
 if TYPE_CHECKING:
-    from station.replay import Progress, Replayed, Summary
+    from station.replay import Replayed, ReplayProgress, ReplaySummary
 
 _SHOWN = 20
 _MOST_WORKERS = 256
@@ -110,7 +110,7 @@ def replay(
     """Measure archived images again and compare; exit status 1 when something differs or is damaged."""
     from db.queries import ResultReader
     from station.configuration import read_configuration
-    from station.replay import Choices, Request, StoredResults, replay_archive
+    from station.replay import Choices, ReplayRequest, StoredResults, replay_archive
 
     ready_file(journal, "journal")
     settings = None if config is None else read_configuration(config).settings.measure.settings()
@@ -120,7 +120,7 @@ def replay(
         if database is not None:
             reader = stack.enter_context(ResultReader(database))
             stored, database = StoredResults(reader, vin), reader.where
-        request = Request(
+        request = ReplayRequest(
             archive,
             choices,
             stored,
@@ -187,7 +187,7 @@ def _deep(request: Any) -> tuple[str, ...]:
 
 
 @contextmanager
-def _shown(as_json: bool) -> Iterator[Callable[[Progress], None]]:
+def _shown(as_json: bool) -> Iterator[Callable[[ReplayProgress], None]]:
     """Yield what shows progress on standard error: a bar at a terminal, else some lines, with --json none."""
     from rich import progress as bars
     from rich.console import Console
@@ -208,18 +208,18 @@ def _shown(as_json: bool) -> Iterator[Callable[[Progress], None]]:
     with bars.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None, others="")
 
-        def show(progress: Progress) -> None:
+        def show(progress: ReplayProgress) -> None:
             others = f"{progress.others} not identical" if progress.others else ""
             bar.update(task, completed=progress.done, total=progress.total, others=others)
 
         yield show
 
 
-def lines_of_progress() -> Callable[[Progress], None]:
+def lines_of_progress() -> Callable[[ReplayProgress], None]:
     """Return what writes about twenty lines over a replay, for a log or a pipe."""
     told = 0
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: ReplayProgress) -> None:
         nonlocal told
         part = _PARTS * progress.done // max(1, progress.total)
         if part > told:
@@ -230,9 +230,9 @@ def lines_of_progress() -> Callable[[Progress], None]:
     return tell
 
 
-def summary_as_json(summary: Summary) -> dict[str, Any]:
+def summary_as_json(summary: ReplaySummary) -> dict[str, Any]:
     """Return what `truewheel replay --json` prints."""
-    from station.replay import State
+    from station.replay import ReplayState
 
     return {
         "archive": str(summary.archive),
@@ -240,24 +240,25 @@ def summary_as_json(summary: Summary) -> dict[str, Any]:
         "folders": summary.folders,
         "measured": summary.measured,
         "measured_by_earlier_run": summary.earlier,
-        "states": {str(state): summary.states[state] for state in State},
+        "states": {str(state): summary.states[state] for state in ReplayState},
         "causes": dict(summary.causes),
+        "lacks": dict(summary.lacks),
         "largest_difference_arcmin": {name: value / ARCMIN for name, value in summary.largest.items()},
         "listed": [each.plain() for each in summary.listed],
-        "not_listed": summary.folders - summary.states[State.IDENTICAL] - len(summary.listed),
+        "not_listed": summary.folders - summary.states[ReplayState.IDENTICAL] - len(summary.listed),
         "measure_s": round(summary.measure_s, 3),
         "seconds": round(summary.seconds, 3),
         "journal": None if summary.journal is None else str(summary.journal),
     }
 
 
-def _print(summary: Summary) -> None:
-    from station.replay import State
+def _print(summary: ReplaySummary) -> None:
+    from station.replay import ReplayState
 
     for each in summary.listed[:_SHOWN]:
         for line in _lines(each):
             typer.echo(line)
-    others = summary.folders - summary.states[State.IDENTICAL]
+    others = summary.folders - summary.states[ReplayState.IDENTICAL]
     if others > _SHOWN:
         where = "name a journal to have all" if summary.journal is None else f"all are in {summary.journal}"
         typer.echo(f"… and {others - _SHOWN} more; {where}")
@@ -266,6 +267,8 @@ def _print(summary: Summary) -> None:
     typer.echo(f"{count_of(summary.folders, 'wheel')}: {', '.join(counts)}{earlier}")
     for name, count in summary.causes.most_common():
         typer.echo(f"  {count} × {name}")
+    for name, count in summary.lacks.most_common():
+        typer.echo(f"  not known of {count}: {name}")
     if summary.largest:
         most = ", ".join(f"{name} {value / ARCMIN:.4g}′" for name, value in summary.largest.items())
         typer.echo(f"largest differences: {most}")

@@ -80,7 +80,7 @@ class RunOutBefore:
         """Take a series of each wheel; a stop that comes meanwhile is kept, an abort ends it."""
         for position in positions:
             self._line.publish_live(LiveAngles(position.name, LiveState.NOT_MEASURED), clock())
-        run_wheels(threads, self._cycle, positions, bound_s, clock, self._given_up, self._done)
+        run_wheels(threads, self._cycle, positions, bound_s, clock, self._given_up, self._done, kept=False)
 
     def _done(self, result: WheelResult) -> None:
         if result.live is not None:

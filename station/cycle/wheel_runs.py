@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import replace
 
 from station.cycle.positions import WheelPosition, WheelResult, result_of
+from station.cycle.series import SeriesPlan
 from station.cycle.under_way import CycleUnderWay
 from station.cycle.wheel_threads import WheelThreads
 
@@ -21,6 +23,8 @@ def run_wheels(
     clock: Callable[[], float],
     given_up: Callable[[], bool],
     done: Callable[[WheelResult], None],
+    *,
+    kept: bool = True,
 ) -> None:
     """Measure each wheel as the cycle's plan says: one exposure, or a series.
 
@@ -40,9 +44,12 @@ def run_wheels(
         Asked between; true ends it, and what is not done has no result.
     done
         Takes each result when it comes.
+    kept
+        Whether the exposures of a series are kept, where the plan keeps any.
     """
     ended = threading.Event()
-    running = {_begin(threads, cycle, position, ended, bound_s): position for position in positions}
+    plan = cycle.plan if kept or cycle.plan is None else replace(cycle.plan, memory=None)
+    running = {_begin(threads, cycle, plan, position, ended, bound_s): position for position in positions}
     deadline = clock() + bound_s
     stopped = False
     while running and not (stopped := given_up()) and clock() < deadline:
@@ -61,11 +68,12 @@ def run_wheels(
 def _begin(
     threads: WheelThreads,
     cycle: CycleUnderWay,
+    plan: SeriesPlan | None,
     position: WheelPosition,
     ended: threading.Event,
     bound_s: float,
 ) -> Future[WheelResult]:
-    if cycle.plan is None:
+    if plan is None:
         return threads.submit(position.name, position.run, cycle.zeros)
     worker = threads.measuring(position.name)
-    return threads.submit(position.name, position.run_series, cycle.plan, worker, ended, bound_s, cycle.zeros)
+    return threads.submit(position.name, position.run_series, plan, worker, ended, bound_s, cycle.zeros)

@@ -1,10 +1,10 @@
-from .run import Progress as Progress
-from .run import Request as Request
+from .run import ReplayProgress as ReplayProgress
+from .run import ReplayRequest as ReplayRequest
 from .run import replay_archive as replay_archive
 from .stored import StoredResults as StoredResults
 from .summary import MOST_LISTED as MOST_LISTED
-from .summary import Summary as Summary
+from .summary import ReplaySummary as ReplaySummary
 from .values import Cause as Cause
 from .values import Choices as Choices
 from .values import Replayed as Replayed
-from .values import State as State
+from .values import ReplayState as ReplayState

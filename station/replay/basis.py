@@ -25,7 +25,7 @@ from station.replay.values import Job, StoredFacts
 
 
 @dataclass
-class Basis:
+class ArchivedBasis:
     """What is known of a folder.
 
     Attributes
@@ -62,10 +62,10 @@ class Basis:
     lacks: list[str] = field(default_factory=list)
 
 
-def basis_of(job: Job) -> Basis:
+def basis_of(job: Job) -> ArchivedBasis:
     """Return what is known of a folder; whatever is wrong with it is told as damage, and raises nothing."""
     folder, stored = Path(job.folder), job.stored
-    basis = Basis()
+    basis = ArchivedBasis()
     if not folder.is_dir():
         basis.damage.append("the folder is missing")
         return basis
@@ -81,7 +81,7 @@ def basis_of(job: Job) -> Basis:
     return basis
 
 
-def _record(folder: Path, stored: StoredFacts | None, basis: Basis) -> ArchivedFile | None:
+def _record(folder: Path, stored: StoredFacts | None, basis: ArchivedBasis) -> ArchivedFile | None:
     expected = None if stored is None else stored.record_sha256
     try:
         if not (folder / ARCHIVED_FILE).exists():
@@ -99,7 +99,7 @@ def _record(folder: Path, stored: StoredFacts | None, basis: Basis) -> ArchivedF
     return found
 
 
-def _by_record(folder: Path, record: ArchivedFile, basis: Basis) -> None:
+def _by_record(folder: Path, record: ArchivedFile, basis: ArchivedBasis) -> None:
     basis.wheel, basis.vin, basis.cycle = record.wheel, record.vin, record.cycle
     basis.result = record.result.model_dump(mode="json")
     values = record.settings.model_dump()
@@ -124,7 +124,7 @@ def _by_record(folder: Path, record: ArchivedFile, basis: Basis) -> None:
         basis.document = None
 
 
-def _agree(record: ArchivedFile, stored: StoredFacts, basis: Basis) -> None:
+def _agree(record: ArchivedFile, stored: StoredFacts, basis: ArchivedBasis) -> None:
     """Tell where the folder's record and the database contradict each other."""
     if record.cycle != stored.cycle:
         basis.damage.append(f"{ARCHIVED_FILE} is of another cycle, {record.cycle}")
@@ -145,7 +145,7 @@ def _same(one: Any, other: Any, apart: float) -> bool:
     return bool(one == other)
 
 
-def _by_database(stored: StoredFacts, basis: Basis) -> None:
+def _by_database(stored: StoredFacts, basis: ArchivedBasis) -> None:
     basis.vin, basis.cycle = stored.vin, stored.cycle
     basis.result, basis.loose = stored.result, stored.loose
     basis.software, basis.needs_place = stored.software_version, stored.needs_place

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from alignment.errors import ConfigurationError, told
 from station.replay.one import Measurer
-from station.replay.values import Choices, Job, Replayed, State
+from station.replay.values import Choices, Job, Replayed, ReplayState
 from station.store import CODE, environment
 
 if TYPE_CHECKING:
@@ -119,10 +119,10 @@ def _result(client: Client, future: Any, job: Job) -> Replayed:
         if client.status != "running" or isinstance(error, CancelledError):
             raise _lost(client) from error
         # A worker that ends again and again, or cannot read what it was sent.
-        return Replayed(job.key, State.FAILED, lacks=(f"the cluster gave it up: {told(error)}",))
+        return Replayed(job.key, ReplayState.FAILED, lacks=(f"the cluster gave it up: {told(error)}",))
     finally:
         future.release()
-    return found if isinstance(found, Replayed) else Replayed(job.key, State.FAILED)
+    return found if isinstance(found, Replayed) else Replayed(job.key, ReplayState.FAILED)
 
 
 def _lost(client: Client) -> ConfigurationError:

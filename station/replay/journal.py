@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Self
 
 from alignment.errors import ConfigurationError, FormatError
 from sensors.formats import open_ordinary
-from station.replay.values import Choices, Replayed, State
+from station.replay.values import Choices, Replayed, ReplayState
 
 SCHEMA = "truewheel.replay-journal/1"
 _LARGEST = 2**40
@@ -111,7 +111,7 @@ class Journal:
                 found = Replayed.of(json.loads(line))
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise self._refused("lines that a replay wrote", f"another one: {line[:60]!r}") from error
-            if found.key not in seen and found.state is not State.FAILED:
+            if found.key not in seen and found.state is not ReplayState.FAILED:
                 seen.add(found.key)
                 yield found
 

@@ -21,9 +21,9 @@ from alignment.wheel import SpinMeasurement
 from sensors.formats import ArchivedResult, CalibrationFile, check_shot_matches, read_shot, validate
 from sensors.shot import WheelShot
 from station.cycle import corrected_and_judged
-from station.replay.basis import Basis, basis_of
+from station.replay.basis import ArchivedBasis, basis_of
 from station.replay.compare import cause, differences, other_software
-from station.replay.values import Cause, Choices, Difference, Job, Replayed, State
+from station.replay.values import Cause, Choices, Difference, Job, Replayed, ReplayState
 from station.store import environment, found_of
 
 _MOST_RIGS = 16
@@ -48,23 +48,23 @@ class Measurer:
             return self._replay(job)
         except Exception as error:  # noqa: BLE001
             # A defect must be a line of the report, not the end of a run over a year.
-            return Replayed(job.key, State.FAILED, lacks=(told(error),))
+            return Replayed(job.key, ReplayState.FAILED, lacks=(told(error),))
 
     def _replay(self, job: Job) -> Replayed:
         basis = basis_of(job)
         shots = self._shots(Path(job.folder), basis)
-        done = Replayed(job.key, State.IDENTICAL, basis.wheel, basis.vin, basis.cycle)
+        done = Replayed(job.key, ReplayState.IDENTICAL, basis.wheel, basis.vin, basis.cycle)
         if shots:
             done = self._measured(done, basis, shots)
         done = replace(done, damage=tuple(basis.damage), lacks=tuple(basis.lacks))
         if done.damage:
-            return replace(done, state=State.DAMAGED)
+            return replace(done, state=ReplayState.DAMAGED)
         if done.differences:
-            return replace(done, state=State.DIFFERS)
+            return replace(done, state=ReplayState.DIFFERS)
         compared = done.measured and "outcome" in basis.result and not basis.partly
-        return done if compared else replace(done, state=State.INCOMPLETE)
+        return done if compared else replace(done, state=ReplayState.INCOMPLETE)
 
-    def _shots(self, folder: Path, basis: Basis) -> list[WheelShot]:
+    def _shots(self, folder: Path, basis: ArchivedBasis) -> list[WheelShot]:
         """Read what is to be measured; empty where that cannot be."""
         if basis.rules is not None and basis.shots == (".",):
             basis.lacks.append("the exposures of its series: only the last one is archived")
@@ -83,7 +83,7 @@ class Measurer:
         basis.wheel = basis.wheel or found[0].rig
         return found
 
-    def _measured(self, done: Replayed, basis: Basis, shots: Sequence[WheelShot]) -> Replayed:
+    def _measured(self, done: Replayed, basis: ArchivedBasis, shots: Sequence[WheelShot]) -> Replayed:
         wheel = basis.wheel or shots[0].rig
         given = self._choices.calibrations.get(wheel)
         document = given if given is not None else basis.document
@@ -110,7 +110,9 @@ class Measurer:
             done, wheel=wheel, differences=apart, causes=causes, measured=True, duration_s=duration_s
         )
 
-    def _apart(self, basis: Basis, found: ArchivedResult, without_zero: bool) -> tuple[Difference, ...]:
+    def _apart(
+        self, basis: ArchivedBasis, found: ArchivedResult, without_zero: bool
+    ) -> tuple[Difference, ...]:
         """Return the differences; of a result whose zero measurement belongs to another calibration too."""
         if without_zero and basis.zero is not None:
             basis.lacks.append(
@@ -120,7 +122,7 @@ class Measurer:
         return differences(basis.result, found, self._choices.within, basis.loose)
 
     def _causes(
-        self, basis: Basis, wheel: str, shots: Sequence[WheelShot], changed: dict[Cause, str]
+        self, basis: ArchivedBasis, wheel: str, shots: Sequence[WheelShot], changed: dict[Cause, str]
     ) -> tuple[str, ...]:
         """Return what explains a difference.
 
@@ -139,7 +141,7 @@ class Measurer:
             found.append(cause(Cause.SOFTWARE, software))
         return tuple(found) or (cause(Cause.UNEXPLAINED),)
 
-    def _as_then(self, basis: Basis, wheel: str, shots: Sequence[WheelShot]) -> bool:
+    def _as_then(self, basis: ArchivedBasis, wheel: str, shots: Sequence[WheelShot]) -> bool:
         """Whether this program finds what is stored with the calibration and the settings of then."""
         if basis.document is None or basis.settings is None:
             return False
@@ -151,7 +153,7 @@ class Measurer:
 
     def _result(
         self,
-        basis: Basis,
+        basis: ArchivedBasis,
         wheel: str,
         shots: Sequence[WheelShot],
         document: Mapping[str, Any],
@@ -182,7 +184,7 @@ class Measurer:
 
 
 def _measure(
-    shots: Sequence[WheelShot], rig: PreparedRig, settings: MeasureSettings, basis: Basis
+    shots: Sequence[WheelShot], rig: PreparedRig, settings: MeasureSettings, basis: ArchivedBasis
 ) -> tuple[WheelMeasurement | Refusal, SpinMeasurement | None]:
     if basis.rules is None:
         return measure_wheel(shots[0].images, rig, settings), None

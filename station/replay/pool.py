@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 
 from station.replay.one import Measurer
-from station.replay.values import Choices, Job, Replayed, State
+from station.replay.values import Choices, Job, Replayed, ReplayState
 
 _VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 ONE_THREAD = dict.fromkeys(_VARIABLES, "1")
@@ -47,7 +47,7 @@ def measure_in_processes(jobs: Iterator[Job], choices: Choices, workers: int) ->
                 # With others beside it nobody knows which of them ended the process; alone it is this one.
                 tries[job.key] = tries.get(job.key, 0) + 1
                 if tries[job.key] > MOST_TRIES:
-                    yield Replayed(job.key, State.FAILED, lacks=(ENDED,))
+                    yield Replayed(job.key, ReplayState.FAILED, lacks=(ENDED,))
                 else:
                     lost.append(job)
             if not lost:

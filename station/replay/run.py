@@ -16,8 +16,8 @@ from station.replay.cluster import measure_on_cluster
 from station.replay.journal import Journal, identity, own_place
 from station.replay.pool import measure_in_processes
 from station.replay.stored import StoredResults
-from station.replay.summary import Summary
-from station.replay.values import Choices, Job, Replayed, State
+from station.replay.summary import ReplaySummary
+from station.replay.values import Choices, Job, Replayed, ReplayState
 from station.store import CODE, environment
 
 _AT_ONCE = 200
@@ -25,7 +25,7 @@ _UNTOLD = "archive"
 
 
 @dataclass(frozen=True)
-class Request:
+class ReplayRequest:
     """What is to be replayed, with what, and where.
 
     Attributes
@@ -81,7 +81,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Progress:
+class ReplayProgress:
     """How far a replay is: folders done, of how many, and how many of them are not identical."""
 
     done: int
@@ -89,7 +89,9 @@ class Progress:
     others: int
 
 
-def replay_archive(request: Request, report: Callable[[Progress], object] = lambda _: None) -> Summary:
+def replay_archive(
+    request: ReplayRequest, report: Callable[[ReplayProgress], object] = lambda _: None
+) -> ReplaySummary:
     """Measure archived images again and compare them with what was stored.
 
     Parameters
@@ -119,7 +121,7 @@ def replay_archive(request: Request, report: Callable[[Progress], object] = lamb
         f"{version('truewheel')} {environment()[CODE]}",
     )  # fmt: skip
     place = request.journal or own_place(of)
-    summary = Summary(request.archive, journal=request.journal)
+    summary = ReplaySummary(request.archive, journal=request.journal)
     with Journal(place, of, anew=request.anew) as journal:
         done: set[str] = set()
         for entry in journal.entries():
@@ -129,15 +131,15 @@ def replay_archive(request: Request, report: Callable[[Progress], object] = lamb
         for each in _measured(request, done):
             journal.add(each)
             summary.add(each)
-            others = summary.folders - summary.states[State.IDENTICAL]
-            report(Progress(summary.folders, max(total, summary.folders), others))
+            others = summary.folders - summary.states[ReplayState.IDENTICAL]
+            report(ReplayProgress(summary.folders, max(total, summary.folders), others))
         if request.journal is None:
             journal.remove()
     summary.seconds = time.monotonic() - started
     return summary
 
 
-def _look(request: Request) -> int:
+def _look(request: ReplayRequest) -> int:
     """Return how many folders there are, after refusing what makes no sense for them."""
     require_archive(request.archive)
     total, wheels, told, named = 0, set[str](), False, True
@@ -171,7 +173,7 @@ def _look(request: Request) -> int:
     return total
 
 
-def _measured(request: Request, done: set[str]) -> Iterator[Replayed]:
+def _measured(request: ReplayRequest, done: set[str]) -> Iterator[Replayed]:
     jobs = _jobs(request, done)
     if request.scheduler is not None:
         yield from measure_on_cluster(jobs, request.choices, request.scheduler, request.archive.resolve())
@@ -180,7 +182,7 @@ def _measured(request: Request, done: set[str]) -> Iterator[Replayed]:
     yield from _missing(request, done)
 
 
-def _jobs(request: Request, done: set[str]) -> Iterator[Job]:
+def _jobs(request: ReplayRequest, done: set[str]) -> Iterator[Job]:
     folders = request.folders()
     while portion := list(islice(folders, _AT_ONCE)):
         known = {} if request.database is None else request.database.facts(portion)
@@ -189,7 +191,7 @@ def _jobs(request: Request, done: set[str]) -> Iterator[Job]:
                 yield Job(found.key, str(found.path.resolve()), known.get(found.key))
 
 
-def _missing(request: Request, done: set[str]) -> Iterator[Replayed]:
+def _missing(request: ReplayRequest, done: set[str]) -> Iterator[Replayed]:
     """Yield what the database promises and the archive does not have."""
     root = level_of(request.archive)
     if request.database is None or root == request.archive.resolve().parent.parent:
@@ -200,6 +202,6 @@ def _missing(request: Request, done: set[str]) -> Iterator[Replayed]:
     for record in request.database.missing(root, days):
         if record.path not in done:
             yield Replayed(
-                record.path, State.DAMAGED, record.wheel, None, str(record.cycle),
+                record.path, ReplayState.DAMAGED, record.wheel, None, str(record.cycle),
                 damage=("the folder is missing",),
             )  # fmt: skip

@@ -6,14 +6,15 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from station.replay.values import Replayed, State
+from station.replay.values import Replayed, ReplayState
 
+MOST_KINDS = 50
 MOST_LISTED = 1000
 """Folders that are listed; the journal holds all."""
 
 
 @dataclass
-class Summary:
+class ReplaySummary:
     """Counts of a replay.
 
     Attributes
@@ -24,6 +25,8 @@ class Summary:
         How many folders are in each.
     causes
         How often each cause was found, by its kind.
+    lacks
+        What archives do not hold, and of how many folders; at most `MOST_KINDS`.
     listed
         Those that are not identical, at most `MOST_LISTED`.
     measured
@@ -39,8 +42,9 @@ class Summary:
     """
 
     archive: Path
-    states: Counter[State] = field(default_factory=Counter)
+    states: Counter[ReplayState] = field(default_factory=Counter)
     causes: Counter[str] = field(default_factory=Counter)
+    lacks: Counter[str] = field(default_factory=Counter)
     listed: list[Replayed] = field(default_factory=list)
     measured: int = 0
     earlier: int = 0
@@ -57,7 +61,7 @@ class Summary:
     @property
     def identical(self) -> bool:
         """Whether nothing differs, is damaged, or could not be compared."""
-        return self.folders == self.states[State.IDENTICAL]
+        return self.folders == self.states[ReplayState.IDENTICAL]
 
     def add(self, done: Replayed) -> None:
         """Count a folder."""
@@ -66,9 +70,12 @@ class Summary:
         self.measure_s += done.duration_s
         for text in done.causes:
             self.causes[text.partition(":")[0]] += 1
+        for text in done.lacks:
+            if text in self.lacks or len(self.lacks) < MOST_KINDS:
+                self.lacks[text] += 1
         for each in done.differences:
             if each.field in ("camber", "toe", "run_out") and isinstance(each.stored, float):
                 apart = abs(each.stored - each.found) if isinstance(each.found, float) else 0.0
                 self.largest[each.field] = max(apart, self.largest.get(each.field, 0.0))
-        if done.state is not State.IDENTICAL and len(self.listed) < MOST_LISTED:
+        if done.state is not ReplayState.IDENTICAL and len(self.listed) < MOST_LISTED:
             self.listed.append(done)

@@ -10,7 +10,7 @@ from typing import Any
 from alignment.values import MeasureSettings
 
 
-class State(StrEnum):
+class ReplayState(StrEnum):
     """What came of one wheel: only `IDENTICAL` says that nothing is to be looked at."""
 
     IDENTICAL = "identical"
@@ -142,7 +142,7 @@ class Replayed:
     """
 
     key: str
-    state: State
+    state: ReplayState
     wheel: str | None = None
     vin: str | None = None
     cycle: str | None = None
@@ -161,7 +161,7 @@ class Replayed:
     def of(cls, plain: Mapping[str, Any]) -> Replayed:
         """Return what `plain` gave; KeyError, TypeError or ValueError for anything else."""
         values = dict(plain)
-        values["state"] = State(values["state"])
+        values["state"] = ReplayState(values["state"])
         values["differences"] = tuple(Difference(**each) for each in values["differences"])
         for name in ("causes", "damage", "lacks"):
             values[name] = tuple(map(str, values[name]))

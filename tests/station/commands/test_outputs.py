@@ -60,6 +60,7 @@ DATABASES: dict[str, tuple[str, ...]] = {
 ASKED_ELSEWHERE = {
     # These write nothing but the database, at once, or only read it.
     "db check", "db event", "db migrate", "db restore", "db show", "db sums", "db backup", "export", "report",
+    "replay",
     "gauge fill", "gauge list", "gauge plan", "gauge type1", "gauge grr", "gauge linearity",
     "gauge stability", "zero list", "zero revoke", "camera health",
     # Makes what is not there.

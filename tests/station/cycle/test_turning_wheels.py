@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import threading
 from collections import deque
@@ -18,6 +19,7 @@ from alignment.values import Refusal, RefusalCode, WheelMeasurement
 from db.records import CycleOutcome, Severity, Verdict, WheelKind, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
+from station.cycle.image_memory import ImageMemory
 from station.cycle.series import MOST_WAITING, SeriesChoice
 from station.cycle.words import Abort, AxisKind, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
 from tests.alignment.wheel.test_series import exposures, mean_axis
@@ -460,3 +462,28 @@ def test_a_stop_that_comes_amid_the_series_before_the_adjusting_is_heard(bench: 
 def test_the_bench_of_standing_wheels_takes_no_second_thread() -> None:
     with open_bench() as bench:
         assert not any(thread.name.startswith("series") for thread in bench.cycle.threads)
+
+
+def test_exposures_are_kept_for_the_archive_and_let_go_with_their_result() -> None:
+    memory = ImageMemory(10**9)
+    with opened(series=SeriesChoice(interval_s=0.0, memory=memory)) as bench:
+        report = bench.trigger(vehicle_type=3)
+        assert report is not None
+        for wheel in report.evaluation.wheels:
+            kept = wheel.result.exposures
+            assert kept is not None
+            assert [shot.series and shot.series.number for shot in kept] == list(range(1, 17))
+        assert memory.bytes > 0
+        del report, wheel, kept
+        gc.collect()
+        assert memory.bytes == 0
+
+
+def test_a_series_that_finds_no_room_is_measured_and_not_kept() -> None:
+    memory = ImageMemory(1000)
+    with opened(series=SeriesChoice(interval_s=0.0, memory=memory)) as bench:
+        report = bench.trigger(vehicle_type=3)
+        assert report is not None
+        assert report.told is Outcome.OK
+        assert [wheel.result.exposures for wheel in report.evaluation.wheels] == [None] * 4
+        assert memory.bytes == 0

@@ -27,7 +27,7 @@ from station.cycle.series import SeriesPlan
 from station.replay.archive_walk import archived_folders
 from station.replay.one import Measurer
 from station.replay.stored import StoredResults
-from station.replay.values import Cause, Choices, Job, Replayed, State
+from station.replay.values import Cause, Choices, Job, Replayed, ReplayState
 from station.threads import Worker
 from tests.alignment.wheel.test_series import exposures
 from tests.once import folder_once
@@ -78,7 +78,7 @@ def test_measured_corrected_and_refused_wheels_come_out_to_the_last_bit(archive:
     outcomes = []
     for path in folders(archive):
         done = replayed(path)
-        assert (done.state, done.differences, done.damage, done.lacks) == (State.IDENTICAL, (), (), ())
+        assert (done.state, done.differences, done.damage, done.lacks) == (ReplayState.IDENTICAL, (), (), ())
         assert done.measured
         outcomes.append(read_archived(path).result)
     assert [each.outcome for each in outcomes] == ["measured", "measured", "refused"]
@@ -92,7 +92,7 @@ def test_the_database_agrees_with_the_archive(archive: Path) -> None:
     assert len(facts) == 3
     for each in found:
         done = Measurer(Choices({}, None)).replay(Job(each.key, str(each.path), facts[each.key]))
-        assert (done.state, done.damage, done.lacks) == (State.IDENTICAL, (), ())
+        assert (done.state, done.damage, done.lacks) == (ReplayState.IDENTICAL, (), ())
 
 
 def document(archive: Path, movement: RigidTransform, *heads: int) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def test_another_calibration_is_told_as_the_cause_and_the_program_is_not(archive
     second = document(archive, turn)
     rewrite(first, lambda data: data["environment"].update(numpy="1.0.0"))
     done = replayed(first, calibrations={WHEEL: second})
-    assert done.state is State.DIFFERS
+    assert done.state is ReplayState.DIFFERS
     assert done.causes == ("other calibration: second instead of first",)
     toe = next(each for each in done.differences if each.field == "toe")
     assert isinstance(toe.stored, float)
@@ -117,13 +117,13 @@ def test_another_calibration_is_told_as_the_cause_and_the_program_is_not(archive
     assert any("zero-7" in text for text in with_zero.lacks)
     # The same calibration under another path is no other one.
     same = json.loads((first / "calibration.json").read_text())
-    assert replayed(first, calibrations={WHEEL: same}).state is State.IDENTICAL
+    assert replayed(first, calibrations={WHEEL: same}).state is ReplayState.IDENTICAL
 
 
 def test_other_settings_are_named(archive: Path) -> None:
     first, *_ = folders(archive)
     done = replayed(first, settings=MeasureSettings(method="plane"))
-    assert done.state is State.DIFFERS
+    assert done.state is ReplayState.DIFFERS
     assert done.causes == ("other settings: method plane instead of revolution",)
 
 
@@ -151,7 +151,7 @@ def test_another_program_is_told_with_what_is_another_one(archive: Path) -> None
     assert "numpy 1.26.4 → " in cause
     assert "the program's mathematics" in cause
     assert [each.field for each in done.differences] == ["camber"]
-    assert replayed(first, within=0.001 * ARCMIN).state is State.IDENTICAL
+    assert replayed(first, within=0.001 * ARCMIN).state is ReplayState.IDENTICAL
 
 
 def test_what_nothing_explains_is_told_as_unexplained(archive: Path) -> None:
@@ -160,7 +160,7 @@ def test_what_nothing_explains_is_told_as_unexplained(archive: Path) -> None:
     rewrite(refused, lambda data: data["result"].update(reason_code="head_saturated"))
     for path, field in ((first, "toe"), (refused, "reason_code")):
         done = replayed(path)
-        assert (done.state, done.causes) == (State.DIFFERS, (str(Cause.UNEXPLAINED),))
+        assert (done.state, done.causes) == (ReplayState.DIFFERS, (str(Cause.UNEXPLAINED),))
         assert [each.field for each in done.differences] == [field]
 
 
@@ -235,10 +235,10 @@ def test_damage_is_told_and_never_taken_for_a_result(
     first, *others = folders(archive)
     harm(first)
     done = replayed(first)
-    assert (done.state, done.measured) == (State.DAMAGED, measured)
+    assert (done.state, done.measured) == (ReplayState.DAMAGED, measured)
     assert any(words in text for text in done.damage), done.damage
     assert done.causes == (() if cause is None else (cause,))
-    assert replayed(others[0]).state is State.IDENTICAL
+    assert replayed(others[0]).state is ReplayState.IDENTICAL
 
 
 def test_a_record_that_fits_itself_but_not_the_database_is_damage(archive: Path) -> None:
@@ -249,7 +249,7 @@ def test_a_record_that_fits_itself_but_not_the_database_is_damage(archive: Path)
         (found,) = [each for each in archived_folders(archive / "images") if each.path.name == first.name]
         facts = StoredResults(reader).facts([found])[found.key]
     done = Measurer(Choices({}, None)).replay(Job(found.key, str(found.path), facts))
-    assert done.state is State.DAMAGED
+    assert done.state is ReplayState.DAMAGED
     assert "archived.json is another one than the database knows" in done.damage
     assert "archived.json and the database differ in camber" in done.damage
 
@@ -259,7 +259,7 @@ def test_a_calibration_of_other_cameras_measures_nothing(archive: Path) -> None:
     data = json.loads((first / "calibration.json").read_text())
     data["id"], data["heads"], data["covariance"] = "two heads", data["heads"][:2], None
     done = replayed(first, calibrations={WHEEL: data})
-    assert (done.state, done.measured) == (State.INCOMPLETE, False)
+    assert (done.state, done.measured) == (ReplayState.INCOMPLETE, False)
     assert any("expected the heads" in text for text in done.lacks)
 
 
@@ -293,7 +293,7 @@ def test_archives_of_earlier_programs_come_out_the_same_and_say_what_they_lack(a
     done = earlier(archive)
     for path in paths:
         one = done[path.name]
-        assert (one.state, one.differences, one.damage) == (State.IDENTICAL, (), ())
+        assert (one.state, one.differences, one.damage) == (ReplayState.IDENTICAL, (), ())
         assert any("hashes" in text for text in one.lacks)
         assert any("settings" in text for text in one.lacks)
 
@@ -301,9 +301,9 @@ def test_archives_of_earlier_programs_come_out_the_same_and_say_what_they_lack(a
 def test_without_database_and_calibration_an_earlier_archive_is_told_as_incomplete(archive: Path) -> None:
     first, *_ = as_before(archive)
     done = replayed(first)
-    assert (done.state, done.measured) == (State.INCOMPLETE, False)
+    assert (done.state, done.measured) == (ReplayState.INCOMPLETE, False)
     with_one = replayed(first, calibrations={WHEEL: dict(in_force(calibration_of(), archive).document)})
-    assert (with_one.state, with_one.measured) == (State.INCOMPLETE, True)
+    assert (with_one.state, with_one.measured) == (ReplayState.INCOMPLETE, True)
 
 
 # Wheels that turn
@@ -349,7 +349,7 @@ def test_a_spin_axis_comes_out_the_same_with_its_run_out(
     assert stored.run_out is not None
     assert stored.run_out > math.radians(0.05)
     done = replayed(path)
-    assert (done.differences, done.state, done.measured) == ((), State.IDENTICAL, True)
+    assert (done.differences, done.state, done.measured) == ((), ReplayState.IDENTICAL, True)
     # It is the run-out that is compared, and not only the angles.
     rewrite(path, lambda data: data["result"].update(run_out=data["result"]["run_out"] * (1 + 1e-12)))
     assert [each.field for each in replayed(path).differences] == ["run_out"]
@@ -359,7 +359,7 @@ def test_a_lost_exposure_of_a_series_is_damage(tmp_path: Path, monkeypatch: pyte
     _, path = series(tmp_path, monkeypatch)
     shutil.rmtree(path / "turn_05")
     done = replayed(path)
-    assert (done.state, done.measured) == (State.DAMAGED, False)
+    assert (done.state, done.measured) == (ReplayState.DAMAGED, False)
     assert any("turn_05/shot.json is missing" in text for text in done.damage)
 
 
@@ -373,5 +373,5 @@ def test_a_series_of_which_only_the_last_exposure_is_kept_is_incomplete(
     with_rules = replace(result.measured_with, rules=SeriesRules())
     monkeypatch.setattr("station.store.archive.ImageArchive._tell_incomplete", lambda *_: None)
     done = replayed(made.put(replace(result, measured_with=with_rules)))
-    assert (done.state, done.measured) == (State.INCOMPLETE, False)
+    assert (done.state, done.measured) == (ReplayState.INCOMPLETE, False)
     assert done.lacks == ("the exposures of its series: only the last one is archived",)

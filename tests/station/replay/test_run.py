@@ -20,12 +20,14 @@ import pytest
 from alignment.errors import ConfigurationError
 from db.queries import ResultReader
 from station.cli import main
+from station.commands.replay import summary_as_json
 from station.replay.cluster import measure_on_cluster
 from station.replay.journal import Journal, identity
 from station.replay.pool import ENDED, measure_in_processes
-from station.replay.run import Request, replay_archive
+from station.replay.run import ReplayRequest, replay_archive
 from station.replay.stored import StoredResults
-from station.replay.values import Choices, Job, Replayed, State
+from station.replay.summary import MOST_KINDS, ReplaySummary
+from station.replay.values import Choices, Job, Replayed, ReplayState
 from tests.station.replay.archives import WHEEL
 from tests.station.replay.test_one import all_lost, altered, folders, station, truncated
 
@@ -126,15 +128,15 @@ def of(archive: Path, **choices: Any) -> dict[str, Any]:
 def test_a_journal_holds_what_was_written_and_forgets_half_a_line(tmp_path: Path) -> None:
     path, about = tmp_path / "j.jsonl", of(tmp_path)
     with Journal(path, about) as journal:
-        journal.add(Replayed("a", State.IDENTICAL, measured=True))
-        journal.add(Replayed("b", State.FAILED))
-        journal.add(Replayed("a", State.DAMAGED))
+        journal.add(Replayed("a", ReplayState.IDENTICAL, measured=True))
+        journal.add(Replayed("b", ReplayState.FAILED))
+        journal.add(Replayed("a", ReplayState.DAMAGED))
     with path.open("ab") as stream:
         stream.write(b'{"key": "c", "sta')
     with Journal(path, about) as journal:
         # Failed ones are tried again, and nothing counts twice.
-        assert [(each.key, each.state) for each in journal.entries()] == [("a", State.IDENTICAL)]
-        journal.add(Replayed("c", State.DIFFERS))
+        assert [(each.key, each.state) for each in journal.entries()] == [("a", ReplayState.IDENTICAL)]
+        journal.add(Replayed("c", ReplayState.DIFFERS))
     with Journal(path, about) as journal:
         assert [each.key for each in journal.entries()] == ["a", "c"]
     with Journal(path, about, anew=True) as journal:
@@ -234,14 +236,14 @@ def test_earlier_archives_without_a_database_ask_for_it(
 
 def test_one_vehicle_is_found_with_and_without_the_database(archive: Path) -> None:
     vin = "WVWZZZ1KZAW000002"
-    request = Request(archive / "images", AS_THEN, vin=vin)
+    request = ReplayRequest(archive / "images", AS_THEN, vin=vin)
     (found,) = request.folders()
     with ResultReader(f"sqlite:///{archive / 'results.db'}") as reader:
-        asked = Request(archive / "images", AS_THEN, StoredResults(reader, vin), "here", vin)
+        asked = ReplayRequest(archive / "images", AS_THEN, StoredResults(reader, vin), "here", vin)
         assert [each.key for each in asked.folders()] == [found.key]
-    assert list(Request(archive / "images", AS_THEN, vin="other").folders()) == []
-    assert len(list(Request(archive / "images", AS_THEN, first_day="2026-03-02").folders())) == 3
-    assert list(Request(archive / "images", AS_THEN, last_day="2026-03-01").folders()) == []
+    assert list(ReplayRequest(archive / "images", AS_THEN, vin="other").folders()) == []
+    assert len(list(ReplayRequest(archive / "images", AS_THEN, first_day="2026-03-02").folders())) == 3
+    assert list(ReplayRequest(archive / "images", AS_THEN, last_day="2026-03-01").folders()) == []
 
 
 # A cluster
@@ -339,23 +341,35 @@ def test_a_folder_that_ends_its_process_is_told_and_costs_no_other(archive: Path
     jobs = [found[0], Fatal("fatal", "nowhere"), *found[1:]]
     done = {each.key: each for each in measure_in_processes(iter(jobs), AS_THEN, 1)}
     assert len(done) == 4
-    assert (done["fatal"].state, done["fatal"].lacks) == (State.FAILED, (ENDED,))
-    assert all(done[job.key].state is State.IDENTICAL for job in found)
+    assert (done["fatal"].state, done["fatal"].lacks) == (ReplayState.FAILED, (ENDED,))
+    assert all(done[job.key].state is ReplayState.IDENTICAL for job in found)
 
 
 def test_progress_and_counts_of_a_run_of_which_everything_was_measured_before(archive: Path) -> None:
     """Nothing is measured once more, and no process is begun."""
     journal = archive / "journal.jsonl"
-    request = Request(archive / "images", AS_THEN, journal=journal)
+    request = ReplayRequest(archive / "images", AS_THEN, journal=journal)
     of_it = [found.key for found in request.folders()]
     seen: list[object] = []
     started = time.monotonic()
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(
             "station.replay.run.measure_in_processes",
-            lambda jobs, *_: iter([Replayed(job.key, State.IDENTICAL, measured=True) for job in jobs]),
+            lambda jobs, *_: iter([Replayed(job.key, ReplayState.IDENTICAL, measured=True) for job in jobs]),
         )
         assert replay_archive(request, seen.append).identical
         again = replay_archive(request, seen.append)
     assert (again.folders, again.earlier, len(seen)) == (3, 3, len(of_it))
     assert time.monotonic() - started < 60
+
+
+def test_what_archives_lack_is_told_where_nothing_differs_too() -> None:
+    """An earlier archive came out identical, and nobody was told that its images may have been changed."""
+    summary = ReplaySummary(Path("images"))
+    for key in ("a", "b"):
+        summary.add(Replayed(key, ReplayState.IDENTICAL, measured=True, lacks=("hashes",)))
+    assert summary.identical
+    assert summary_as_json(summary)["lacks"] == {"hashes": 2}
+    for number in range(100):
+        summary.add(Replayed(str(number), ReplayState.INCOMPLETE, lacks=(f"zero {number}",)))
+    assert len(summary.lacks) == MOST_KINDS
