@@ -62,8 +62,8 @@ def show(
         advice,
         figures_as_json,
         figures_as_text,
-        figures_of,
         opened_rig,
+        shot_figures,
         write_show,
     )
 
@@ -74,7 +74,7 @@ def show(
         work.expose(exposure_ms)
         work.arm()
         shot = work.shoot_unlit() if dark else work.shoot()
-    figures = figures_of(shot)
+    figures = shot_figures(shot)
     page = None if out is None else write_show(out, shot, figures)
     advised = [each.camera for each in figures if advice(each)]
     if as_json:

@@ -286,7 +286,7 @@ def shot(
     Exit status 1 when an image is too dark or saturated; nothing is written then.
     """
     from sensors.formats import write_shot
-    from station.maintenance import advice, figures_as_json, figures_of, opened_rig
+    from station.maintenance import advice, figures_as_json, opened_rig, shot_figures
 
     configuration = configuration_for_work(config, as_json)
     ready_new_folder(out)
@@ -294,7 +294,7 @@ def shot(
         work.expose(exposure_ms)
         work.arm()
         taken = work.shoot()
-    figures = figures_of(taken)
+    figures = shot_figures(taken)
     problems = [f"{each.camera}: {advice(each)}" for each in figures if advice(each)]
     if not problems:
         write_shot(out, taken)

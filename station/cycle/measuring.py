@@ -1,8 +1,8 @@
 """The measuring cycle: from a trigger to a committed result, and only then to the answer.
 
 Whatever fails on the way, the cycle ends in a defined state with a record that says why; the line is told OK
-of a wheel only when its record is committed. Every wait is bounded, and what was given up and goes on all the
-same is remembered: a wheel keeps the station at fault, a commit is set right by `station.cycle.ledger`.
+of a wheel only when its record is committed. Every wait is bounded; what was given up and goes on all the same
+is remembered: a wheel keeps the station at fault, `station.cycle.ledger` sets a commit right.
 """
 
 from __future__ import annotations
@@ -103,8 +103,7 @@ class MeasuringCycle:
         frame: CommonFrame | None = None,
         series: SeriesChoice | None = None,
     ) -> None:
-        self._identity = identity
-        self._frame = frame
+        self._identity, self._frame = identity, frame
         self._positions = {position.name: position for position in positions}
         self._vehicle_types = vehicle_types
         self._line = line

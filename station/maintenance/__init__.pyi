@@ -9,7 +9,7 @@ from .exposure import FoundExposure as FoundExposure
 from .exposure import exposure_in_toml as exposure_in_toml
 from .exposure import find_exposure as find_exposure
 from .figures import figures_as_json as figures_as_json
-from .figures import figures_of as figures_of
+from .figures import shot_figures as shot_figures
 from .gauge import capture_gauge as capture_gauge
 from .gauge import write_gauge as write_gauge
 from .live import LiveView as LiveView

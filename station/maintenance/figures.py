@@ -59,7 +59,7 @@ class ImageFigures:
     brightness: float | None
 
 
-def figures_of(shot: WheelShot) -> tuple[ImageFigures, ...]:
+def shot_figures(shot: WheelShot) -> tuple[ImageFigures, ...]:
     """Return the figures of all images of a shot, as the cameras delivered them."""
     return tuple(image_figures(frame.camera, frame.image) for frame in shot.frames)
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from alignment.errors import ConfigurationError, TruewheelError
 from sensors.shot import WheelShot
-from station.maintenance.figures import bars, figures_as_json, figures_of, picture
+from station.maintenance.figures import bars, figures_as_json, picture, shot_figures
 from station.maintenance.opened import WorkRig
 from station.maintenance.remarks import advice
 from station.pages import page
@@ -48,7 +48,7 @@ class LiveView:
 
     def show(self, shot: WheelShot) -> None:
         """Show a shot."""
-        figures = figures_of(shot)
+        figures = shot_figures(shot)
         pictures = tuple(picture(frame.image) for frame in shot.frames)
         listed = [figures_as_json(each) | {"bars": bars(each), "advice": advice(each)} for each in figures]
         with self._lock:
