@@ -1,7 +1,7 @@
 """The measuring cycle: from a trigger to a committed result, and only then to the answer.
 
 Whatever fails on the way, the cycle ends in a defined state with a record that says why; the line is told OK
-of a wheel only when its record is committed. Every wait is bounded; what was given up and goes on all the same
+of a wheel only when its record is committed. Every wait is bounded; what was given up and still goes on
 is remembered: a wheel keeps the station at fault, `station.cycle.ledger` sets a commit right.
 """
 
