@@ -8,7 +8,7 @@ from pathlib import Path
 
 from station.replay.values import Replayed, ReplayState
 
-MOST_KINDS = 50
+MOST_LACKS = 50
 MOST_LISTED = 1000
 """Folders that are listed; the journal holds all."""
 
@@ -26,7 +26,7 @@ class ReplaySummary:
     causes
         How often each cause was found, by its kind.
     lacks
-        What archives do not hold, and of how many folders; at most `MOST_KINDS`.
+        What archives do not hold, and of how many folders; at most `MOST_LACKS`.
     listed
         Those that are not identical, at most `MOST_LISTED`.
     measured
@@ -71,7 +71,7 @@ class ReplaySummary:
         for text in done.causes:
             self.causes[text.partition(":")[0]] += 1
         for text in done.lacks:
-            if text in self.lacks or len(self.lacks) < MOST_KINDS:
+            if text in self.lacks or len(self.lacks) < MOST_LACKS:
                 self.lacks[text] += 1
         for each in done.differences:
             if each.field in ("camber", "toe", "run_out") and isinstance(each.stored, float):

@@ -71,7 +71,7 @@ class ImageArchive:
         keeping: Keeping,
         note: Callable[[str, UUID | None], object],
         now: Callable[[], datetime] = utc_now,
-        closing_s: float = 10.0,
+        closing_s: float = 30.0,
         kinds: Mapping[str, VehicleType] | None = None,
     ) -> None:
         self._store, self._folder, self._policy = store, folder, policy

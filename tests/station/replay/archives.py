@@ -127,7 +127,7 @@ class Archived:
             store.write_cycle(record)
             with ImageArchive(
                 store, self.images, WIDE, Keeping("all"), lambda text, _: lost.append(text), lambda: DAY,
-                kinds={KIND.name: KIND},
+                closing_s=120.0, kinds={KIND.name: KIND},
             ) as archive:  # fmt: skip
                 archive.offer(record, [result])
         assert lost == []

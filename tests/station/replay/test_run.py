@@ -26,7 +26,7 @@ from station.replay.journal import Journal, identity
 from station.replay.pool import ENDED, measure_in_processes
 from station.replay.run import ReplayRequest, replay_archive
 from station.replay.stored import StoredResults
-from station.replay.summary import MOST_KINDS, ReplaySummary
+from station.replay.summary import MOST_LACKS, ReplaySummary
 from station.replay.values import Choices, Job, Replayed, ReplayState
 from tests.station.replay.archives import WHEEL
 from tests.station.replay.test_one import all_lost, altered, folders, station, truncated
@@ -372,4 +372,4 @@ def test_what_archives_lack_is_told_where_nothing_differs_too() -> None:
     assert summary_as_json(summary)["lacks"] == {"hashes": 2}
     for number in range(100):
         summary.add(Replayed(str(number), ReplayState.INCOMPLETE, lacks=(f"zero {number}",)))
-    assert len(summary.lacks) == MOST_KINDS
+    assert len(summary.lacks) == MOST_LACKS
