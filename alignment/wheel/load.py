@@ -35,6 +35,8 @@ _FAR_MM = 4.0  # by which the axis of a surface without load may be off
 _PROFILE_STEP, _PROFILE_ROUNDS = 4.0, 4  # mm; smooth, for its slope tells the place of the axis
 _STIFF, _FEWEST_OF_PROFILE = 1e-3, 100  # of second differences, beside points; and points
 _NEAR = 1e-4  # radians, 0.3′; an axis that turns by less is where its surface can be fitted
+_MOST_TURN, _MOST_DOUBT = 0.017, 1.5e-3  # radians, 60′ and 5′: more is no wheel on a road
+_MOST_UNEVEN, _LEAST_CARRIED = 3.0, 0.6
 _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
 _CLEARLY = 1.3  # times what a knock explains; real loads explain 1.6 times as much and more
@@ -143,7 +145,7 @@ def carry(
     found = _settled(seen, surface.fit, None)
     if found is None or found.pushed(seen, knocks):
         found = _pushed(seen, surface.fit) or found
-    if found is None:
+    if found is None or not _believable(found, surface.fit):
         return None
     model, fit, points = found.model, found.surface.fit, found.surface.points
     moves = head_moves(points.points, points.head, heads, fit)
@@ -233,6 +235,18 @@ def _pushed(seen: _Seen, fit: RevolutionFit) -> _Found | None:
         return None
     # A fit may end in a wrong place, where much of the wheel passes for letters.
     return _settled(seen, *max(found, key=lambda each: each[1].explained))
+
+
+def _believable(found: _Found, before: RevolutionFit) -> bool:
+    """Tell whether a wheel under load is one: what hides a part of it must not be explained by a load."""
+    model, weights = found.model, found.surface.fit.weights
+    turned = np.abs(_turned(found.surface.fit, model.turn).normal - before.normal).max()
+    return bool(
+        turned < _MOST_TURN
+        and np.trace(model.covariance) < _MOST_DOUBT**2
+        and model.unevenness < _MOST_UNEVEN
+        and np.count_nonzero(weights) > _LEAST_CARRIED * len(weights)
+    )
 
 
 def _foreseen(seen: _Seen, fit: RevolutionFit) -> tuple[RevolutionFit, LoadModel] | None:

@@ -40,6 +40,9 @@ class ArchivedSettings(StrictModel):
     maximum_angle: float = Field(gt=0, le=3.2, description="Largest believable camber or toe, radians")
     coverage_factor: float = Field(gt=0, le=10, description="k of the expanded uncertainty")
     allow_lost_head: bool = Field(description="Whether the other heads measure when one is lost")
+    judge_heads: bool = Field(
+        default=True, description="Whether signs of moved heads are judged; of a series they are together"
+    )
     needs_place: bool = Field(description="Whether a wheel whose place is not seen is refused")
 
 
@@ -65,7 +68,7 @@ class ArchivedSeries(StrictModel):
     """What a series of exposures had to be."""
 
     exposures: int = Field(ge=FEWEST_EXPOSURES, le=MOST_EXPOSURES, description="How many it was to have")
-    least_turn: float = Field(ge=2.0, le=6.3, description="Least turn that they must cover, radians")
+    least_turn: float = Field(ge=2.0, le=130, description="Least turn that they must cover, radians")
 
 
 class ArchivedResult(StrictModel):
