@@ -10,7 +10,8 @@ images, as study `knocked` does.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,13 @@ from db.exports import in_style, legend_outside
 from station.figures import Goal, Progress, Row, Study, StudyResult
 from station.studies.coverage import drawn
 from station.studies.knocked import KNOCK_KINDS, SHIFT_MM, TURN_ARCMIN, KnockKind, knocked
-from station.studies.loaded_wheels import MOUNTINGS, LoadedShot, loaded_shot
+from station.studies.loaded_wheels import (
+    MOUNTINGS,
+    LoadedShot,
+    has_load,
+    has_side_force,
+    loaded_shot,
+)
 from station.studies.wheels import errors_arcmin
 
 MISSES = 0.01
@@ -34,14 +41,22 @@ _QUICK_SLACK = 0.25  # of a share; a few wheels show no 95 %
 
 @dataclass(frozen=True)
 class Extent:
-    """How many wheels of each mounting, calibrations of each, and knocks with load and without it."""
+    """Which wheels stand before each mounting, calibrations of each, and knocks with load and without it."""
 
-    wheels: int
+    wheels: Mapping[str, Sequence[int]]
     draws: int
     knocks: int
 
+    @property
+    def shots(self) -> list[tuple[int, str]]:
+        """Every wheel before every mounting that it stands before, the wheels in their order."""
+        numbers = sorted({number for wheels in self.wheels.values() for number in wheels})
+        return [(n, mounting) for n in numbers for mounting, wheels in self.wheels.items() if n in wheels]
 
-FULL, QUICK = Extent(200, 2, 200), Extent(3, 2, 12)
+
+FULL = Extent(dict.fromkeys(MOUNTINGS, range(200)), 2, 200)
+QUICK = Extent({"even": (0, 1), "lifted": (1, 2)}, 2, 12)
+"""A wheel in the air, one with a load, before both mountings, and one with side force."""
 
 
 def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
@@ -53,22 +68,19 @@ def run_extent(seed: int, extent: Extent, progress: Progress, slack: float = 0.0
     """Measure so many wheels, one after another; images are not kept."""
     rows: list[Row] = []
     knocks = {True: 0, False: 0}
-    for number in range(extent.wheels):
-        for mounting in MOUNTINGS:
-            progress(number / extent.wheels, f"wheel {number + 1} of {extent.wheels}, {mounting}")
-            shot = loaded_shot(seed, mounting, number)
-            carries = shot.scene.load is not None
-            share = extent.knocks / max(1, _wheels_with(carries, extent.wheels) * len(MOUNTINGS))
-            wanted = math.ceil(share) if knocks[carries] < extent.knocks and not shot.load.side_mm else 0
-            mine = measured_rows(seed, shot, number, extent.draws, wanted, knocks[carries])
-            knocks[carries] += sum(bool(row["knock"]) for row in mine)
-            rows += mine
+    shots = extent.shots
+    # Wheels with side force are not knocked.
+    knocked_shots = Counter(has_load(number) for number, _ in shots if not has_side_force(number))
+    for k, (number, mounting) in enumerate(shots):
+        progress(k / len(shots), f"image {k + 1} of {len(shots)}: wheel {number + 1}, {mounting}")
+        shot = loaded_shot(seed, mounting, number)
+        carries = shot.scene.load is not None
+        share = extent.knocks / max(1, knocked_shots[carries])
+        wanted = math.ceil(share) if knocks[carries] < extent.knocks and not shot.load.side_mm else 0
+        mine = measured_rows(seed, shot, number, extent.draws, wanted, knocks[carries])
+        knocks[carries] += sum(bool(row["knock"]) for row in mine)
+        rows += mine
     return summarise_loads(rows, slack)
-
-
-def _wheels_with(load: bool, wheels: int) -> int:
-    """How many of the wheels are knocked: with load, but without side force, or in the air."""
-    return math.ceil(wheels / 8) if not load else max(1, wheels - math.ceil(wheels / 8) - wheels // 4)
 
 
 def measured_rows(seed: int, shot: LoadedShot, number: int, draws: int, knocks: int, first: int) -> list[Row]:

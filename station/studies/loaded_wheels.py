@@ -35,12 +35,21 @@ class LoadedShot:
         return self.scene.load or TyreLoad()
 
 
+def has_load(number: int) -> bool:
+    """Whether a wheel stands on its tyre: the first of every eight hangs in the air."""
+    return number % _EMPTY_EVERY != 0
+
+
+def has_side_force(number: int) -> bool:
+    """Whether side and longitudinal force act on a wheel, too: the third of every four."""
+    return number % _SIDE_EVERY == _SIDE_EVERY - 2
+
+
 def draw_load(rng: np.random.Generator, number: int) -> TyreLoad | None:
-    """Draw a load of 0 to 8 mm of either shape; the first of every eight wheels hangs in the air, the third
-    of every four side and longitudinal force, too."""
-    if number % _EMPTY_EVERY == 0:
+    """Draw a load of 0 to 8 mm of either shape; nothing for a wheel that hangs in the air."""
+    if not has_load(number):
         return None
-    side = number % _SIDE_EVERY == _SIDE_EVERY - 2
+    side = has_side_force(number)
     return TyreLoad(
         bulge_mm=float(rng.uniform(0.0, 8.0)),
         width_deg=float(rng.uniform(18.0, 32.0)),

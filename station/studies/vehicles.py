@@ -3,7 +3,7 @@
 Four rigs are calibrated with a plate and placed with a gauge frame. Images of one wheel before each give the
 covariance of its axis and place; vehicles are then drawn, and what the rigs see of them is off by a draw from
 that covariance and by one of the stand's temperature. Some vehicles are rendered and measured from images, by
-rigs whose cameras and poses are drawn from their covariance.
+rigs whose cameras and poses are drawn from their covariance. The quick form renders one vehicle for both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from alignment.arrays import Array
+from alignment.arrays import Array, Singles
 from alignment.measure import measure_wheel
 from alignment.units import ARCMIN
 from alignment.values import MeasureSettings, RigCalibration, WheelMeasurement
@@ -86,7 +86,8 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     count, imaged = (QUICK_VEHICLES, QUICK_IMAGED) if quick else (VEHICLES, IMAGED)
     progress(0.0, "four rigs")
     rigs: dict[str, RigCalibration] = {name: placed_rig(name, seed) for name in FOUR_WHEELS}
-    covariances = _covariances(rigs, seed)
+    shown = _Shown(draw_vehicle_on_stand(np.random.default_rng([seed, 3])), rigs, seed) if quick else None
+    covariances = _covariances(rigs, seed, shown)
     rng = np.random.default_rng([seed, 1])
     even, odd = _Found(), _Found()
     by_yaw, by_stand = 0.0, 0.0
@@ -105,8 +106,8 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     refused = 0
     for number in range(imaged):
         progress(0.2 + 0.8 * number / imaged, f"images of vehicle {number + 1} of {imaged}")
-        vehicle = draw_vehicle_on_stand(rng)
-        wheels = _measured_from_images(vehicle, rigs, rng)
+        vehicle = shown.vehicle if shown else draw_vehicle_on_stand(rng)
+        wheels = _measured_from_images(vehicle, rigs, rng, shown)
         if wheels is None:
             refused += 1
             continue
@@ -124,26 +125,50 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     return StudyResult(tuple(rows), figures, _goals(quick), _text(figures), plots)
 
 
-def _covariances(rigs: Mapping[str, RigCalibration], seed: int) -> dict[str, Array]:
-    """(5, 5) of axis and place by rig, as a measurement from images states it."""
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """A wheel before its rig, and the light of it on the rig's chips."""
+
+    scene: WheelScene
+    light: list[tuple[Singles, Singles]]
+
+
+class _Shown:
+    """One vehicle whose wheels are rendered once, for as many exposures as are wanted."""
+
+    def __init__(self, vehicle: DrawnVehicle, rigs: Mapping[str, RigCalibration], seed: int) -> None:
+        rng = np.random.default_rng([seed, 4])
+        self.vehicle = vehicle
+        self.pictures = {name: _picture(vehicle, name, rig, rng) for name, rig in rigs.items()}
+
+
+def _covariances(
+    rigs: Mapping[str, RigCalibration], seed: int, shown: _Shown | None = None
+) -> dict[str, Array]:
+    """(5, 5) of axis and place by rig, as a measurement from images states it; of `shown`, or of others."""
     out: dict[str, Array] = {}
     for name, rig in rigs.items():
         rng = np.random.default_rng([seed, 2, FOUR_WHEELS.index(name)])
-        axis = _seen_wheel(draw_vehicle_on_stand(rng), name, rig, rig, rng)
+        picture = shown.pictures[name] if shown else _picture(draw_vehicle_on_stand(rng), name, rig, rng)
+        axis = _seen_wheel(picture, rig, rng)
         assert axis is not None, f"the wheel before {name} was refused"
         out[name] = axis.covariance
     return out
 
 
 def _measured_from_images(
-    vehicle: DrawnVehicle, rigs: Mapping[str, RigCalibration], rng: np.random.Generator
+    vehicle: DrawnVehicle,
+    rigs: Mapping[str, RigCalibration],
+    rng: np.random.Generator,
+    shown: _Shown | None,
 ) -> dict[str, WheelAxis] | None:
     """The vehicle's axes from images, by rigs known as their covariance says, on a stand that is warm."""
     heat = warmed(rng)
     out = {}
     for name, rig in rigs.items():
         assert rig.covariance is not None
-        axis = _seen_wheel(vehicle, name, rig, drawn(rig, rig.covariance, rng), rng)
+        known = drawn(rig, rig.covariance, rng)
+        axis = _seen_wheel(shown.pictures[name] if shown else _picture(vehicle, name, rig, rng), known, rng)
         if axis is None:
             return None
         out[name] = replace(
@@ -155,12 +180,15 @@ def _measured_from_images(
     return out
 
 
-def _seen_wheel(
-    vehicle: DrawnVehicle, name: str, true: RigCalibration, known: RigCalibration, rng: np.random.Generator
-) -> WheelAxis | None:
-    """One wheel rendered before the true rig and measured with the known one; None when it is refused."""
+def _picture(vehicle: DrawnVehicle, name: str, true: RigCalibration, rng: np.random.Generator) -> _Picture:
+    """One wheel of a vehicle, rendered before the true rig."""
     scene = wheel_scene(vehicle, name, true, rng)
-    found = measure_wheel(exposed(lights(scene, true), scene, rng), known, MeasureSettings())
+    return _Picture(scene, lights(scene, true))
+
+
+def _seen_wheel(picture: _Picture, known: RigCalibration, rng: np.random.Generator) -> WheelAxis | None:
+    """The axis of a rendered wheel as the known rig measures it; None when it is refused."""
+    found = measure_wheel(exposed(picture.light, picture.scene, rng), known, MeasureSettings())
     if not isinstance(found, WheelMeasurement) or found.reference is None:
         return None
     return WheelAxis.of(found, found.reference, known)

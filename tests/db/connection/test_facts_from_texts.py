@@ -29,6 +29,7 @@ from db.schema import wheel_results as wheels
 from db.store import ResultStore
 from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper
+from tests.db.databases import migrate_new
 from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, geometry, given, wheel
 from tests.db.rows.test_chain import tamper
 
@@ -116,7 +117,7 @@ def fill(url: str, revision: str) -> None:
 
 
 def upgraded(url: str, revision: str) -> None:
-    migrate(url, revision)
+    migrate_new(url, revision)
     fill(url, revision)
     assert migrate(url) == head_revision()
 
@@ -252,7 +253,7 @@ def test_the_kind_of_a_wheel_is_told_by_its_method_after_the_upgrade(
     empty_database_url: str, revision: str
 ) -> None:
     """Whether a stored toe was of a tyre plane or of a spin axis was the beginning of a text."""
-    migrate(empty_database_url, revision)
+    migrate_new(empty_database_url, revision)
     others = cycle(
         wheels=(
             wheel("front_left", method="spin_axis"), wheel("rear_left", method="tyre_planer"),
@@ -287,7 +288,7 @@ def test_the_kind_of_a_wheel_is_told_by_its_method_after_the_upgrade(
 @pytest.mark.parametrize("revision", ["0007", "0010"])
 def test_a_kind_that_was_changed_later_is_named(empty_database_url: str, revision: str) -> None:
     """Two revisions filled columns, and each row is proven without those that came after it."""
-    migrate(empty_database_url, revision)
+    migrate_new(empty_database_url, revision)
     fill(empty_database_url, revision)
     migrate(empty_database_url)
     assert check_database(empty_database_url, days=None).findings == ()
@@ -312,7 +313,7 @@ def test_a_kind_that_was_changed_later_is_named(empty_database_url: str, revisio
 
 def test_rows_that_revision_0010_wrote_itself_are_hashed_with_its_columns(empty_database_url: str) -> None:
     """Their lost head was in the hash, so that it may not be taken for filled in."""
-    migrate(empty_database_url, "0010")
+    migrate_new(empty_database_url, "0010")
     engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     theirs = cycle(wheels=(wheel(degraded=True, method=DEGRADED),), axles=(), vehicle_angles=None)
     with engine.begin() as connection:

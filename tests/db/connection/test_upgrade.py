@@ -32,6 +32,7 @@ from db.store import ResultStore
 from db.sums import bring_up_to_date
 from db.upkeep.check import check_database
 from db.upkeep.shipping import Shipper
+from tests.db.databases import migrate_new
 from tests.db.example_plant import plant
 from tests.db.example_records import (
     CALIBRATION,
@@ -98,7 +99,7 @@ def fill(url: str, revision: str) -> None:
 
 @pytest.mark.parametrize("revision", EARLIER)
 def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revision: str) -> None:
-    migrate(empty_database_url, revision)
+    migrate_new(empty_database_url, revision)
     fill(empty_database_url, revision)
     assert current_revision(empty_database_url) == revision
     assert migrate(empty_database_url) == head_revision()
@@ -144,7 +145,7 @@ def test_what_a_station_stored_before_there_was_an_outbox_is_shipped_too(
     tmp_path: Path, postgres_url: str, revision: str
 ) -> None:
     url = f"sqlite:///{tmp_path / 'station.db'}"
-    migrate(url, revision)
+    migrate_new(url, revision)
     fill(url, revision)
     migrate(url)
     migrate(postgres_url)
