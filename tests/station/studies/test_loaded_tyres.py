@@ -16,7 +16,7 @@ def silent(done: float, doing: str) -> None:
     assert doing
 
 
-@pytest.mark.slow(25)
+@pytest.mark.slow(22)
 def test_loads_are_measured_before_both_mountings_and_knocks_are_told() -> None:
     result = loaded_tyres.run(5, True, silent)
     assert not [goal for goal in result.missed if "beyond_as_calibrated" not in goal.figure]

@@ -17,7 +17,7 @@ def silent(done: float, doing: str) -> None:
     assert doing
 
 
-@pytest.mark.slow(25)
+@pytest.mark.slow(15)
 def test_vehicles_that_stand_askew_keep_the_goals() -> None:
     result = vehicles.run(1, True, silent)
     assert not result.missed, result.missed
