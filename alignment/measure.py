@@ -12,7 +12,6 @@ from alignment.arrays import Array
 from alignment.calibration.judgement import Judgement, unjudged
 from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
-from alignment.imaging.brightness import line_brightness
 from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
 from alignment.measure_heads import HeadSums, angles_by_normal, told_apart
@@ -120,21 +119,7 @@ def _measure(
             "the points of the heads do not lie around one axis; check that the wheel stands in the "
             "measuring volume and that nothing else is in view",
         )
-    found = _evaluate(lines, matched, pool, surface, rig, settings)
-    return found if isinstance(found, Refusal) else _with_brightness(found, images, lines)
-
-
-def _with_brightness(
-    found: WheelMeasurement,
-    images: Sequence[StereoImages],
-    lines: Sequence[tuple[LightLines, LightLines]],
-) -> WheelMeasurement:
-    heads = []
-    for quality, pair, (left, right) in zip(found.heads, images, lines, strict=True):
-        both = line_brightness(pair.left, left), line_brightness(pair.right, right)
-        known = None if both[0] is None or both[1] is None else (both[0], both[1])
-        heads.append(replace(quality, brightness=known))
-    return replace(found, heads=tuple(heads))
+    return _evaluate(lines, matched, pool, surface, rig, settings)
 
 
 def _lines(

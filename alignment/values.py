@@ -271,9 +271,6 @@ class HeadQuality:
         Of the left and the right image: median over its lines of the light above the background, in a unit of
         its own (see `alignment.imaging.lines.LightLines.strength`). It sinks with projector, exposure and
         dirt on a window.
-    brightness
-        Light of the lines over the ground beside them in the left and right image, as shares of full scale
-        (`alignment.imaging.line_brightness`); None where it was not looked at.
     """
 
     name: str
@@ -285,7 +282,6 @@ class HeadQuality:
     share_looked_at: float = 1.0
     line_width_px: tuple[float, float] | None = None
     line_strength: tuple[float, float] | None = None
-    brightness: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

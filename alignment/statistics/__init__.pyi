@@ -51,6 +51,3 @@ from .type1_study import LEAST_CG as LEAST_CG
 from .type1_study import LEAST_VALUES as LEAST_VALUES
 from .type1_study import USUAL_VALUES as USUAL_VALUES
 from .type1_study import type1 as type1
-from .wear import ProjectorWear as ProjectorWear
-from .wear import WearState as WearState
-from .wear import projector_wear as projector_wear
