@@ -20,6 +20,7 @@ from db.records import CycleOutcome, Severity, Verdict, WheelKind, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.image_memory import ImageMemory
+from station.cycle.judging import missed_limits
 from station.cycle.series import MOST_WAITING, SeriesChoice
 from station.cycle.words import Abort, AxisKind, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
 from tests.alignment.wheel.test_series import exposures, mean_axis
@@ -205,6 +206,9 @@ def test_run_out_beyond_its_limit_fails_the_vehicle_and_not_the_angles_of_its_wh
     assert report.record.outcome == str(told)
     assert {wheel.verdict for wheel in report.record.wheels} == {Verdict.OK}
     assert set(bench.line.outcomes.values()) == {Outcome.OK}
+    said = missed_limits(report.evaluation)
+    assert len(said) == (len(WHEELS) if told is Outcome.NOK else 0)
+    assert all(f"limit {most_mm:g} mm" in one for one in said)
     events = [event for event in bench.store.events if event.code == "run_out"]
     assert len(events) == len(WHEELS)
     for event in events:

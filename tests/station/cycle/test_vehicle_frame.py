@@ -30,7 +30,7 @@ from alignment.vehicle.wheel_axes import Stand, WheelAxis
 from db.records import OF_GEOMETRY, CheckOutcome, CycleOutcome, Verdict, WheelKind
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame, Reference
-from station.cycle.judging import evaluate
+from station.cycle.judging import evaluate, missed_limits
 from station.cycle.positions import WheelResult
 from station.cycle.verdict import Status
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, StationState, Stop
@@ -156,6 +156,9 @@ def test_length_out_of_its_limits_makes_the_vehicle_nok(reference: Reference) ->
     assert all(wheel.outcome is Outcome.OK for wheel in bench.line.sent[-1][1])
     assert report.record.vehicle_angles is not None
     assert report.record.vehicle_angles.verdict is Verdict.NOK
+    (said,) = missed_limits(report.evaluation)
+    assert "wheelbase_difference is 6.000" in said
+    assert "mm" in said
     (event,) = events
     assert "wheelbase_difference is 6.000" in event.text
     assert "accepted are -2 to 2 mm" in event.text
