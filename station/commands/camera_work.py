@@ -67,9 +67,9 @@ def show(
         write_show,
     )
 
-    configuration = configuration_for_work(config, as_json)
     if out is not None:
         ready_new_folder(out)
+    configuration = configuration_for_work(config, as_json)
     with opened_rig(configuration, rig) as work:
         work.expose(exposure_ms)
         work.arm()

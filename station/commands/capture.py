@@ -68,8 +68,8 @@ def plate_session(
     from station.maintenance import PlateCapture, opened_rig, recorded_shots
     from station.maintenance import rig_index as index_of
 
-    configuration = configuration_for_work(config, as_json)
     ready_new_folder(out)
+    configuration = configuration_for_work(config, as_json)
     described = read_plate(default_config(plate, "plates/rig.toml"))
     side = configuration.settings.rigs[index_of(configuration, rig)].side
     opened = opened_rig(configuration, rig) if shots is None else recorded_shots(shots, rig)
@@ -246,8 +246,8 @@ def gauge_session(
     from sensors.formats import read_gauge_frame
     from station.maintenance import capture_gauge, write_gauge
 
-    configuration = configuration_for_work(config, as_json)
     ready_new_folder(out)
+    configuration = configuration_for_work(config, as_json)
     gauge = read_gauge_frame(default_config(frame, "plates/gauge.toml"))
     captured, problems = capture_gauge(
         configuration, gauge, exposure_ms, lambda name: _say(as_json, f"{name}: looked at")
@@ -288,8 +288,8 @@ def shot(
     from sensors.formats import write_shot
     from station.maintenance import advice, figures_as_json, opened_rig, shot_figures
 
-    configuration = configuration_for_work(config, as_json)
     ready_new_folder(out)
+    configuration = configuration_for_work(config, as_json)
     with opened_rig(configuration, rig) as work:
         work.expose(exposure_ms)
         work.arm()

@@ -141,6 +141,7 @@ def test_station_of_a_new_home_runs_until_it_is_told_to_end(program: Path, tmp_p
             assert station.wait() == 0, said
         finally:
             bound.cancel()
+            bound.join()
             station.kill()
     assert "is ready" in said
     assert said.rstrip().endswith("stopped")

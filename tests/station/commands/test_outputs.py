@@ -48,6 +48,10 @@ FOLDERS: dict[str, list[tuple[str, ...]]] = {
     "gauge stability": [("--from-file", GONE, "--out")],
     "gauge budget": [("--from-file", GONE, "--tolerance", "1", "--out")],
     "study": [(GONE, "--out")],
+    "camera show": [("front_left", "--config", GONE, "--out")],
+    "capture plate-session": [("front_left", "--config", GONE, "--out")],
+    "capture gauge-session": [("--config", GONE, "--out")],
+    "capture shot": [("front_left", "--config", GONE, "--out")],
     "demo": [("--config", GONE, "--out")],
 }
 DATABASES: dict[str, tuple[str, ...]] = {

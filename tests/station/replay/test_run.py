@@ -280,10 +280,14 @@ def cluster(workers: int = 2) -> Iterator[str]:
             start("dask_worker", address, *here, "--nthreads", "1", "--no-nanny")
         yield address
     finally:
+        # Workers first: one that has lost its scheduler looks for it before it ends.
         for process in reversed(started):
             process.terminate()
-        for process in started:
-            process.communicate(timeout=60)
+            try:
+                process.communicate(timeout=20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
 
 
 def wait_for(address: str, workers: int) -> None:
