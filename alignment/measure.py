@@ -316,7 +316,10 @@ def _qualities(
 
 def _strength(lines: LightLines) -> float:
     """Median light of the lines of one image, of some of their points."""
-    return float(np.median(lines.strength[::_FEW]))
+    some = lines.strength[::_FEW]
+    middle = len(some) // 2
+    # NumPy's median takes five times as long.
+    return float(np.partition(some, middle)[middle]) if len(some) else math.nan
 
 
 def _unseen(judgement: Judgement) -> tuple[float, float] | None:

@@ -22,7 +22,7 @@ from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import nearest_candidates
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves
 from alignment.wheel.load_cells import Cells, condense, local_weights
-from alignment.wheel.load_hypothesis import spline_basis
+from alignment.wheel.load_hypothesis import KNOTS_MM, spline_basis
 from alignment.wheel.load_model import LoadModel, fit_load, side_force_seen
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_steps import frame_of
@@ -144,8 +144,8 @@ def carry(
     seen = _Seen(pool, axes, down, amounts, heads)
     found = _settled(seen, surface.fit, None)
     if found is None or found.pushed(seen, knocks):
-        found = _pushed(seen, surface.fit) or found
-    if found is None or not _believable(found, surface.fit):
+        found = _pushed(seen, surface.fit)
+    if found is None or not believable(found, surface.fit):
         return None
     model, fit, points = found.model, found.surface.fit, found.surface.points
     moves = head_moves(points.points, points.head, heads, fit)
@@ -183,7 +183,7 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class Found:
     """A surface, its load, and the most by which that lifts it."""
 
     surface: WheelSurface
@@ -197,14 +197,14 @@ class _Found:
         return side > _LEAD + max(moved, 0.0)
 
 
-def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> _Found | None:
+def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> Found | None:
     """Find surface and load in turn; bulges alone, or what the start knows."""
     model = every = start
     surface: WheelSurface | None = None
     lift = np.zeros(1)
-    cells = _first_cells(seen.pool, before, seen.heads)
+    cells = None if start is not None else _first_cells(seen.pool, before, seen.heads)
     for number in range(_ROUNDS):
-        if start is None or number:
+        if cells is not None:
             if not _enough(cells):
                 return None
             model = seen.fitted(cells, before, model, best_alone=start is not None or number > _KNOWN)
@@ -219,12 +219,12 @@ def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> _Fo
         before = surface.fit
         if moved < _SETTLED:
             break
-    if surface is None or not _enough(cells):
+    if surface is None or cells is None or not _enough(cells):
         return None
-    return _Found(surface, seen.fitted(cells, before, every), float(np.abs(lift).max()))
+    return Found(surface, seen.fitted(cells, before, every), float(np.abs(lift).max()))
 
 
-def _pushed(seen: _Seen, fit: RevolutionFit) -> _Found | None:
+def _pushed(seen: _Seen, fit: RevolutionFit) -> Found | None:
     """The same with side force."""
     found = []
     for by_one_head in (True, False):
@@ -237,7 +237,7 @@ def _pushed(seen: _Seen, fit: RevolutionFit) -> _Found | None:
     return _settled(seen, *max(found, key=lambda each: each[1].explained))
 
 
-def _believable(found: _Found, before: RevolutionFit) -> bool:
+def believable(found: Found, before: RevolutionFit) -> bool:
     """Tell whether a wheel under load is one: what hides a part of it must not be explained by a load."""
     model, weights = found.model, found.surface.fit.weights
     turned = np.abs(_turned(found.surface.fit, model.turn).normal - before.normal).max()
@@ -252,8 +252,8 @@ def _believable(found: _Found, before: RevolutionFit) -> bool:
 def _foreseen(seen: _Seen, fit: RevolutionFit) -> tuple[RevolutionFit, LoadModel] | None:
     """Find the load, and an axis whose surface the points need not yet lie on.
 
-    The axis goes where the joint solution puts it, and the profile is but the median height over the radius:
-    a surface that were fitted to a load that is not right yet would take the other points for outliers.
+    The axis goes where the joint solution puts it, and the profile is but a smooth one about that axis: a
+    surface that were fitted to a load that is not right yet would take the other points for outliers.
     """
     pool = seen.pool
     lift = np.zeros(len(pool.points))
@@ -341,8 +341,10 @@ def _unloaded(pool: PointPool, fit: RevolutionFit, model: LoadModel, axes: Array
 
 
 def _enough(cells: Cells) -> bool:
-    """Tell whether every head sees enough to tell a load."""
-    return bool(np.bincount(cells.head, minlength=cells.heads).min() >= _FEWEST_CELLS)
+    """Tell whether every head sees enough to tell a load, and all of them more than a ring."""
+    if np.bincount(cells.head, minlength=cells.heads).min() < _FEWEST_CELLS:
+        return False
+    return float(np.ptp(cells.radius)) > KNOTS_MM
 
 
 def _first_cells(pool: PointPool, fit: RevolutionFit, heads: int) -> Cells:

@@ -23,6 +23,7 @@ from alignment.wheel.revolution_kernels import BASIS
 from alignment.wheel.spin import SpinMeasurement
 
 _MOST_POINTS = 2000  # tell where the profile is known, and how well
+_FEWER = 2  # of which one says how well; the fit's own covariance gives the size
 _SUPPORT = 0.2  # of the weight that intervals have at the median, below which the profile is a guess
 _FEWEST_PLACES = 4  # of a turning wheel
 _PER_STEP = 2  # heights that are looked at from knot to knot
@@ -86,7 +87,7 @@ def outermost_ring(fit: RevolutionFit, points: Array) -> OutermostRing | None:
     place = (np.arange(len(known)) + 0.5) / _PER_STEP
     t = (place - np.floor(place))[:, None] ** np.arange(4)
     height = np.einsum("nm,nm->n", np.repeat(pieces, _PER_STEP, axis=0), t)
-    crest = _crest(fit.knots_step * place[known], height[known])
+    crest = _crest(fit.knots_step * place[known], height[known], fit.knots_step / _PER_STEP)
     if crest is None:
         return None
     at, top, form_u = crest
@@ -186,6 +187,10 @@ class _Seen:
         last = len(fit.profile) - 4
         return cls(across, radius, np.clip(interval, 0, last), fit.weights[used])
 
+    def every(self, step: int) -> _Seen:
+        """One of so many."""
+        return _Seen(self.across[::step], self.radius[::step], self.interval[::step], self.weight[::step])
+
 
 def _pieces(profile: Array) -> Array:
     """Coefficients (K − 3, 4) of the profile's cubics in t, 0 to 1 from knot to knot, constant first."""
@@ -194,14 +199,14 @@ def _pieces(profile: Array) -> Array:
     return out
 
 
-def _crest(place: Array, height: Array) -> tuple[float, float, float] | None:
+def _crest(place: Array, height: Array, step: float) -> tuple[float, float, float] | None:
     """Place and height of a profile's crest but for ribs and grooves, and how far these may have shifted it.
 
-    Of heights (n,) at places (n,), millimetres; None where the profile rises to its ends.
+    Of heights (n,) at places (n,), most of them a `step` apart, millimetres; None where the profile rises
+    to its ends.
     """
     if len(place) < _FEWEST_HEIGHTS:
         return None
-    step = float(np.median(np.diff(place)))
     broad = median_filter(height, size=2 * round(0.5 * _BROAD_MM / step) + 1, mode="nearest")
     top = float(place[int(broad.argmax())])
     near = np.abs(place - top) < CREST_MM
@@ -250,6 +255,7 @@ def _covariance(fit: RevolutionFit, seen: _Seen, ring: int) -> Array:
     The points give its shape, the profile being free in every interval; its size is that of the fit's own
     covariance of the tilts, which knows how alike neighbours err.
     """
+    seen = seen.every(_FEWER)
     pieces = _pieces(fit.profile)[seen.interval]
     t = (seen.radius - fit.knots_start) / fit.knots_step - seen.interval
     slope = (pieces[:, 1] + t * (2.0 * pieces[:, 2] + 3.0 * t * pieces[:, 3])) / fit.knots_step

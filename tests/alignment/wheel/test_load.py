@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import PlaneHypothesis
 from alignment.units import ARCMIN
-from alignment.wheel.load import LoadedWheel, about, carry
+from alignment.wheel.load import Found, LoadedWheel, about, believable, carry
 from alignment.wheel.load_cells import Cells
 from alignment.wheel.load_hypothesis import problem_of
 from alignment.wheel.search import WheelSurface, find_surface
@@ -219,6 +220,23 @@ def test_a_head_with_hardly_any_points_ends_the_search_for_a_load() -> None:
     pool = pool_of(gaussian(4.0, 24.0))
     thin = pool.where((pool.head != 2) | (np.arange(len(pool.head)) % 90 == 0))
     assert carry(thin, fitted(thin), AXES, DOWN, KNOWN, knocks()) is None
+
+
+def test_what_is_no_wheel_on_a_road_is_not_explained_by_a_load() -> None:
+    """A wheel of which a quarter was hidden was accepted 131′ off: side force explained what hid it."""
+    pool = pool_of(gaussian(5.0, 24.0))
+    start = fitted(pool).fit
+    wheel = carried(pool)
+    assert wheel is not None
+    found = Found(wheel.surface, wheel.model, wheel.lift_mm)
+    assert believable(found, start)
+    leaned = start.normal + 0.018 * start.tilt_axes[1]
+    assert not believable(found, replace(start, normal=leaned / np.linalg.norm(leaned)))
+    assert not believable(replace(found, model=replace(wheel.model, covariance=np.eye(2) * 2e-6)), start)
+    assert not believable(replace(found, model=replace(wheel.model, unevenness=3.1)), start)
+    few = wheel.surface.fit.weights * (np.arange(len(wheel.surface.fit.weights)) % 2)
+    hidden = replace(wheel.surface, fit=replace(wheel.surface.fit, weights=few))
+    assert not believable(replace(found, surface=hidden), start)
 
 
 @pytest.mark.parametrize("far", [0.0, 3.0, 7.9])
