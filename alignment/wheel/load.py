@@ -23,7 +23,7 @@ from alignment.stereo.surface import nearest_candidates
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves
 from alignment.wheel.load_cells import Cells, condense, local_weights
 from alignment.wheel.load_hypothesis import KNOTS_MM, spline_basis
-from alignment.wheel.load_model import LoadModel, fit_load, side_force_seen
+from alignment.wheel.load_model import LoadModel, fit_load, gain_from, side_force_seen
 from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.revolution_steps import frame_of
 from alignment.wheel.search import SURFACE_GATE, WheelSurface, fit_chosen
@@ -41,6 +41,9 @@ _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint so
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
 _CLEARLY = 1.3  # times what a knock explains; real loads explain 1.6 times as much and more
 _LEAD = 5.0  # logarithm of the evidence by which side force must be likelier than a knock beside a bulge
+_SURELY_LOADED_MM = 1.0  # a lift that nothing but a road makes
+_WHERE_NO_ROAD_IS = np.radians([120.0, 180.0, -120.0])  # from the contact
+_SHARE_ELSEWHERE = 0.5  # of the logarithm of the evidence; loads of 0.2 to 1 mm: a third at most
 _LEFT_BY_KNOCK = 0.5  # logarithm of evidence per cell, one chi squared: what no knock would leave
 _FIRST_GATE = 8.0  # mm; by so much a head may be off a surface that others fit; a ghost is farther
 _FEWEST_CELLS = 20  # of each head
@@ -145,7 +148,7 @@ def carry(
     found = _settled(seen, surface.fit, None)
     if found is None or found.pushed(seen, knocks):
         found = _pushed(seen, surface.fit)
-    if found is None or not believable(found, surface.fit):
+    if found is None or not believable(found, surface.fit) or not found.on_a_road(seen):
         return None
     model, fit, points = found.model, found.surface.fit, found.surface.points
     moves = head_moves(points.points, points.head, heads, fit)
@@ -195,6 +198,17 @@ class Found:
         or one beside a head that moved."""
         side, moved = side_force_seen(self.model, seen.amounts, knocks)
         return side > _LEAD + max(moved, 0.0)
+
+    def on_a_road(self, seen: _Seen) -> bool:
+        """Tell whether a small load is the road's: one that pressed elsewhere would not explain as much.
+
+        Whatever is smooth around a wheel, such as the light of two wheels in one exposure, a small load may
+        follow; but then so it may from any side.
+        """
+        if self.lift_mm > _SURELY_LOADED_MM:
+            return True
+        elsewhere = max(gain_from(self.model, seen.amounts, turn) for turn in _WHERE_NO_ROAD_IS)
+        return elsewhere < _SHARE_ELSEWHERE * self.model.gain
 
 
 def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> Found | None:

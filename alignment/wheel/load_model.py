@@ -205,6 +205,16 @@ def fit_load(
     )  # fmt: skip
 
 
+def gain_from(model: LoadModel, amounts: Array | None, turn: float) -> float:
+    """Gain of a bulge, about as `LoadModel.gain`, were the contact elsewhere: turned by so many radians."""
+    sine, cosine = math.sin(turn), math.cos(turn)
+    contact = np.array([[cosine, -sine], [sine, cosine]]) @ model.contact
+    problem, _ = problem_of(model.cells, contact, amounts)
+    plain, _ = without_load(problem)
+    best = max((_fitted(problem, bulge, None, _LOOK_STEPS) for bulge in BULGES), key=_likelihood)
+    return (best.log_evidence - plain) / max(1.0, best.misfit / len(model.cells.weight))
+
+
 @dataclass(frozen=True)
 class _Known:
     """Hypotheses, and the knots (K,) of their radial profiles."""
@@ -294,13 +304,13 @@ def _trusted(
     return cells.weighed(share).where(share > _LEAST_SHARE), every
 
 
-def _fitted(problem: LoadProblem, bulge: Shape, side: Shape | None) -> LoadHypothesis:
+def _fitted(problem: LoadProblem, bulge: Shape, side: Shape | None, steps: int = _STEPS) -> LoadHypothesis:
     """Fit one hypothesis by Gauss–Newton steps; the sizes of bulge and odd part are found on the way."""
     odd = ODD if side is None else ODD_BESIDE_SIDE_FORCE
     shapes = [(shape, shape.mean) for shape in (bulge, side, odd) if shape is not None]
     sizes = [_BULGE_MM, _ODD_MM] if side is None else [_BULGE_MM, _SIDE_MM, _ODD_MM]
     radial = [np.zeros(problem.basis.shape[1]) for _ in sizes]
-    return HypothesisFit(problem, shapes, sizes, radial).after(_STEPS)
+    return HypothesisFit(problem, shapes, sizes, radial).after(steps)
 
 
 def _rarity(hypothesis: LoadHypothesis) -> float:

@@ -239,6 +239,18 @@ def test_what_is_no_wheel_on_a_road_is_not_explained_by_a_load() -> None:
     assert not believable(replace(found, surface=hidden), start)
 
 
+@pytest.mark.parametrize("side", [120.0, -120.0, 180.0])
+def test_what_presses_from_where_no_road_is_is_no_load(side: float) -> None:
+    """Two wheels in one exposure were measured 15′ off: a small load followed what they left."""
+    pressed = gaussian(0.5, 24.0)
+
+    def elsewhere(angle: Array, share: Array) -> Array:
+        return np.asarray(pressed(np.angle(np.exp(1j * (angle - np.radians(side)))), share))
+
+    assert carried(pool_of(pressed)) is not None
+    assert carried(pool_of(elsewhere)) is None
+
+
 @pytest.mark.parametrize("far", [0.0, 3.0, 7.9])
 def test_a_radial_profile_reaches_the_outermost_ring(far: float) -> None:
     """The last knot was missing: what the tread does could not be said, and passed for a turn of the axis."""
