@@ -108,6 +108,10 @@ def replay(
     as_json: JsonFlag = False,
 ) -> None:
     """Measure archived images again and compare; exit status 1 when something differs or is damaged."""
+    from station.replay import load_ahead
+
+    if scheduler is None:
+        load_ahead()
     from db.queries import ResultReader
     from station.configuration import read_configuration
     from station.replay import Choices, ReplayRequest, StoredResults, replay_archive

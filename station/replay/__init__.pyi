@@ -1,3 +1,4 @@
+from .ahead import load_ahead as load_ahead
 from .run import ReplayProgress as ReplayProgress
 from .run import ReplayRequest as ReplayRequest
 from .run import replay_archive as replay_archive

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from alignment.errors import ConfigurationError, told
-from station.replay.one import Measurer
 from station.replay.values import Choices, Job, Replayed, ReplayState
 from station.store import CODE, environment
 
 if TYPE_CHECKING:
     from distributed import Client
+
+    from station.replay.one import Measurer
 
 _ADDRESS = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}|(?:tcp|tls)://\[[0-9A-Fa-f:]+\]:\d{1,5}")
 _CONNECT_S, _ASK_S = 15.0, 120.0
@@ -146,6 +147,8 @@ def measure_here(job: Job, choices: Choices, archive: str) -> Replayed:
     if not Path(archive).is_dir():
         raise ArchiveUnseenError(f"no folder {archive} on {_host()}")
     if id(choices) not in _OWN:
+        from station.replay.one import Measurer
+
         _OWN.clear()
         # Kept with its choices, so that nothing else gets their place in memory.
         _OWN[id(choices)] = Measurer(choices)

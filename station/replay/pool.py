@@ -10,14 +10,15 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import parent_process
+from typing import TYPE_CHECKING
 
-from station.replay.one import Measurer
+from station.replay.ahead import load_ahead, measuring_processes, one_thread_each
 from station.replay.values import Choices, Job, Replayed, ReplayState
 
-_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-ONE_THREAD = dict.fromkeys(_VARIABLES, "1")
-"""Of the environment: processes share the cores, and threads beside them only get in the way."""
+if TYPE_CHECKING:
+    from station.replay.one import Measurer
+
 MOST_TRIES = 2
 """How often a folder is begun alone whose process ended amid it."""
 ENDED = "the process that measured it ended; check that there is memory left"
@@ -90,22 +91,20 @@ def _measured(
 
 @contextmanager
 def _pool(choices: Choices, workers: int) -> Iterator[ProcessPoolExecutor]:
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin, (choices,))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+    load_ahead()
+    with one_thread_each():
+        pool = ProcessPoolExecutor(workers, measuring_processes(), _begin, (choices,))
+        try:
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _begin(choices: Choices) -> None:
     """Prepare a process: interrupts are the asking process's business, and without it there is none."""
+    # Numba and all that measures; the asking process does without.
+    from station.replay.one import Measurer
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True, name="end with the parent").start()
     _OWN.append(Measurer(choices))
