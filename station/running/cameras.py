@@ -10,10 +10,11 @@ from pathlib import Path
 
 from alignment.errors import ConfigurationError, InputError, TruewheelError, told
 from alignment.values import SIDES
+from sensors.bounded import CallBounds
 from sensors.camera import Camera
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
 from sensors.formats import StrictModel, read_calibration_file, write_calibration
-from sensors.guarded import CallBounds, GuardedCamera
+from sensors.guarded import GuardedCamera
 from sensors.rig import Rig, StereoHead
 from station.configuration import Configuration
 from station.cycle import CalibrationInForce
