@@ -99,11 +99,15 @@ def takes_again_within_s(configuration: Configuration, index: int) -> float:
     return 0.0 if plays else configuration.settings.cycle.measure_timeout_s
 
 
-def check_rig(configuration: Configuration, index: int) -> None:
-    """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`."""
+def check_rig(configuration: Configuration, index: int, *, uncalibrated: bool = False) -> None:
+    """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`.
+
+    `uncalibrated` lets it be without a calibration, as while its cameras are commissioned.
+    """
     rig = configuration.settings.rigs[index]
     calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
-    require_calibration(configuration, index)
+    if not uncalibrated:
+        require_calibration(configuration, index)
     check = rig.cameras.driver.check
     if check is not None:
         with in_driver(configuration, index):

@@ -80,6 +80,14 @@ def test_a_rig_that_is_not_calibrated_shows_its_cameras_and_measures_nothing(tmp
     assert any("rigs[0].calibration" in str(finding) for finding in findings)
 
 
+def test_while_cameras_are_commissioned_the_rest_of_their_settings_is_checked(tmp_path: Path) -> None:
+    """The missing calibration was refused first: a mistake beside it showed only when the cameras opened."""
+    path = station(tmp_path, "heads = ['head_1']\nrecorded = { shots = '.' }")
+    _, findings = check_configuration(path, uncalibrated=True)
+    [finding] = findings
+    assert "expected a folder of recorded shots" in str(finding)
+
+
 def test_a_projector_lost_between_two_cycles_is_a_fault_until_a_reset_and_the_other_wheels_go_on() -> None:
     with open_bench() as bench:
         bench.rigs["front_left"].arm_error = ProjectorError("front_left", "no answer", "Check its cable")
