@@ -11,6 +11,7 @@
     │   ├── CameraConnectionError(ConnectionError)
     │   └── CameraTimeoutError(TimeoutError)
     ├── ProjectorError(RuntimeError)        the light of one rig, named
+    │   ├── ProjectorConnectionError(ConnectionError)
     │   └── ProjectorTimeoutError(TimeoutError)
     ├── LineError(RuntimeError)             the bus to the PLC
     │   ├── LineConnectionError(ConnectionError)
@@ -224,6 +225,10 @@ class ProjectorError(TruewheelError, RuntimeError):
         self.problem = problem
         self.cure = cure
         super().__init__(together((f"projector of {rig}: {problem}", *([cure] if cure else [])), ". "))
+
+
+class ProjectorConnectionError(ProjectorError, ConnectionError):
+    """It cannot be reached, or its driver does not come back."""
 
 
 class ProjectorTimeoutError(ProjectorError, TimeoutError):

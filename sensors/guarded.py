@@ -9,57 +9,21 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager
 from typing import Any, TypeVar, TypeVarTuple
 
 import numpy as np
 
-from alignment.counting import count_of
-from alignment.errors import (
-    CameraConnectionError,
-    CameraError,
-    CameraTimeoutError,
-    ConfigurationError,
-    TruewheelError,
-)
+from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError
+from sensors.bounded import BoundedDriver, CallBounds, DriverGoneError
 from sensors.camera import Camera, CameraSettings, Frame
 from sensors.camera_health import CameraCounts, CameraStatistics, CameraWithStatistics, place_in_words
-from sensors.driver_calls import DriverHungError, DriverThread, Wait
+from sensors.driver_calls import Wait
 from sensors.known_camera import KnownCamera
 
 _A = TypeVarTuple("_A")
 _T = TypeVar("_T")
-_MAKE = "the making of its cameras"
 _LEAST_REST_S = 5.0  # between two questions for statistics
-MOST_LEFT = 3
-"""Hung calls of one camera that may be left behind; with more it is refused until the program starts anew."""
-
-
-@dataclass(frozen=True)
-class CallBounds:
-    """How long a driver may take.
-
-    Attributes
-    ----------
-    call_s
-        For connecting, arming and closing, seconds.
-    trigger_s
-        For a trigger.
-    late_s
-        By how much `fetch` may miss its own timeout.
-    """
-
-    call_s: float = 10.0
-    trigger_s: float = 4.0
-    late_s: float = 2.0
-
-    def __post_init__(self) -> None:
-        for field in ("call_s", "trigger_s", "late_s"):
-            if not 0 < getattr(self, field) <= 3600:
-                raise ConfigurationError(
-                    field=field, expected="above 0, at most 3600", seen=str(getattr(self, field))
-                )
 
 
 class GuardedCamera:
@@ -99,17 +63,11 @@ class GuardedCamera:
     ) -> None:
         self.name = camera.name
         self.counts = CameraCounts()
-        self._camera, self._make = camera, make
+        self._driver = BoundedDriver("camera", self.name, camera, make, wait)
         self._bounds = bounds or CallBounds()
-        self._wait, self._clock = wait, clock
+        self._clock = clock
         self._lock = threading.Lock()
         self._known = KnownCamera(self.name, size)
-        self._thread: DriverThread | None = None
-        self._left: list[DriverThread] = []
-        # Why nothing may be asked of it before it is connected again.
-        self._lost: str | None = None
-        # The camera object whose driver hangs is not to be touched.
-        self._stuck: DriverThread | None = None
         self._failed = False
         self._statistics = CameraStatistics()
         self._asked_s: float | None = None
@@ -136,8 +94,7 @@ class GuardedCamera:
     @property
     def left_behind(self) -> int:
         """Threads whose call never came back so far."""
-        self._left = [thread for thread in self._left if thread.alive]
-        return len(self._left)
+        return self._driver.left_behind
 
     def note_failure(self, error: CameraError) -> None:
         """Take note of what went wrong with it; the next `connect` reaches it anew."""
@@ -147,25 +104,26 @@ class GuardedCamera:
     def connect(self) -> None:
         """Reach the camera, anew when anything failed since; see `Camera.connect`."""
         with self._turn():
-            if self._thread is not None and self._failed:
-                # It failed; what it says at parting is no news.
-                with suppress(TruewheelError, Exception):
-                    self._close()
+            call_s = self._bounds.call_s
+            if self._driver.begun and self._failed:
+                self._driver.let_go(call_s)
                 self.counts.reconnected += 1
-            if self._thread is None:
-                self._begin()
+            if not self._driver.begun:
+                with self._named():
+                    again = self._driver.begin(call_s)
+                if again:
+                    self.counts.reconnected += 1
+                    self._asked_s = None
             try:
-                self._call("connect", self._bounds.call_s, self._camera.connect)
+                self._call("connect", call_s, self._camera.connect)
             except BaseException:
-                with suppress(TruewheelError, Exception):
-                    self._close()
+                self._driver.let_go(call_s)
                 raise
             self._failed = False
 
     def arm(self, settings: CameraSettings) -> None:
         """Take over settings; see `Camera.arm`."""
         with self._turn():
-            self._require_connection()
             self._known.told(settings)
             self._call("arm", self._bounds.call_s, self._camera.arm, settings)
             self._ask_statistics()
@@ -173,13 +131,11 @@ class GuardedCamera:
     def trigger(self) -> int:
         """Expose one image; see `Camera.trigger`."""
         with self._turn():
-            self._require_connection()
             return self._call("trigger", self._bounds.trigger_s, self._camera.trigger)
 
     def fetch(self, timeout_s: float) -> Frame:
         """Return the next frame; see `Camera.fetch`."""
         with self._turn():
-            self._require_connection()
             bound_s = max(0.0, timeout_s) + self._bounds.late_s
             frame = self._call("fetch", bound_s, self._camera.fetch, timeout_s)
         # What is no frame at all is told by who takes it.
@@ -210,13 +166,12 @@ class GuardedCamera:
             When it does not come back, or the camera is not connected.
         """
         with self._turn():
-            self._require_connection()
             return self._call(what, self._bounds.call_s, question, self._camera)
 
     def close(self) -> None:
         """Let the camera go; see `Camera.close`. One whose driver hangs is let go by its thread, if ever."""
-        with self._turn():
-            self._close()
+        with self._turn(), self._named():
+            self._driver.close(self._bounds.call_s)
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
@@ -226,92 +181,30 @@ class GuardedCamera:
         try:
             yield
         finally:
+            self.counts.hung = self._driver.hung
             self._lock.release()
 
-    def _begin(self) -> None:
-        """Have a thread, and a driver object in which no call hangs.
-
-        Raises
-        ------
-        CameraConnectionError
-            When too many calls hang, or one that cannot be done without.
-        """
-        hung = self.left_behind
-        if hung >= MOST_LEFT:
-            raise CameraConnectionError(
-                self.name,
-                f"its driver did not come back from {count_of(hung, 'call')}",
-                "Start the station anew, check the camera's power, and tell the makers of its driver",
-            )
-        stuck = self._stuck is not None and self._stuck.alive
-        if stuck and self._make is None:
-            raise CameraConnectionError(
-                self.name,
-                f"{self._lost}, and still has not",
-                "Cut the camera's power for a moment; if that does not help, start the station anew",
-            )
-        self._thread = DriverThread(f"camera {self.name}", self._wait)
-        if stuck:
-            assert self._make is not None
-            self._camera = self._made(self._make)
-        if self._lost is not None:
-            self.counts.reconnected += 1
-            self._asked_s = None
-        self._stuck = self._lost = None
-
-    def _made(self, make: Callable[[], Camera]) -> Camera:
-        """Another driver object; where it cannot be had the one before is not touched."""
-        try:
-            return self._call(_MAKE, self._bounds.call_s, make)
-        except BaseException:
-            if self._thread is not None:
-                self._thread.end()
-                self._thread = None
-            raise
-
-    def _close(self) -> None:
-        if self._thread is None:
-            return
-        try:
-            self._call("close", self._bounds.call_s, self._camera.close)
-        finally:
-            if self._thread is not None:
-                self._thread.end()
-                self._thread = None
+    @property
+    def _camera(self) -> Camera:
+        return self._driver.device
 
     def _call(self, what: str, bound_s: float, function: Callable[[*_A], _T], *args: *_A) -> _T:
-        assert self._thread is not None
+        with self._named():
+            return self._driver.call(what, bound_s, function, *args)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Let what goes wrong be an error of this camera."""
         try:
-            return self._thread.call(bound_s, function, *args)
-        except DriverHungError:
-            self._leave(making=what == _MAKE)
-            self.counts.hung += 1
-            self._lost = f"its driver did not come back from {what} within {bound_s:g} s"
-            raise CameraConnectionError(
-                self.name, self._lost, "Check the camera's power and cable; it is connected anew at a reset"
-            ) from None
+            yield
+        except DriverGoneError as error:
+            raise CameraConnectionError(self.name, error.problem, error.cure) from None
         except CameraError as error:
             if error.camera == self.name:
                 raise
             kinds = (CameraConnectionError, CameraTimeoutError)
             kind = next((kind for kind in kinds if isinstance(error, kind)), CameraError)
             raise kind(self.name, error.problem, error.cure) from error
-
-    def _leave(self, *, making: bool) -> None:
-        """Leave a thread that hangs; in the making of an object the one before is not touched by it."""
-        thread, self._thread = self._thread, None
-        assert thread is not None
-        self._left.append(thread)
-        if making:
-            thread.leave(lambda: None)
-            return
-        thread.leave(self._camera.close)
-        self._stuck = thread
-
-    def _require_connection(self) -> None:
-        if self._thread is None:
-            lost = "is not connected" if self._lost is None else self._lost
-            raise CameraConnectionError(self.name, lost, "Connect it first")
 
     def _ask_statistics(self) -> None:
         """Ask the driver for more than frames, once in a while; what it cannot say is no failure."""
@@ -324,7 +217,7 @@ class GuardedCamera:
         try:
             found = self._call("statistics", self._bounds.trigger_s, self._camera.statistics)
         except Exception:
-            if self._thread is None:
+            if not self._driver.begun:
                 raise
             return
         if isinstance(found, CameraStatistics):

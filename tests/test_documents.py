@@ -89,7 +89,7 @@ RUN_ELSEWHERE = {
     ("docs/how-to/commission-a-station.md", "sh"): (10, "tests/end_to_end/test_commissioning.py"),
     ("docs/how-to/commission-a-station.md", "toml"): (2, "tests/end_to_end/test_commissioning.py"),
     ("docs/how-to/commission-cameras.md", "sh"): (9, "tests/end_to_end/test_commission_cameras.py"),
-    ("docs/how-to/commission-cameras.md", "toml"): (6, "tests/end_to_end/test_commission_cameras.py"),
+    ("docs/how-to/commission-cameras.md", "toml"): (7, "tests/end_to_end/test_commission_cameras.py"),
     ("docs/how-to/add-a-calibration-method.md", "python"): (
         3,
         "tests/alignment/calibration/test_method_page.py",

@@ -17,6 +17,7 @@ from alignment.arrays import Array
 from alignment.calibration.adjustment import Adjustment, AdjustmentSettings, adjust
 from alignment.calibration.observations import CalibrationInput
 from alignment.errors import DegenerateInputError
+from alignment.imaging.pattern import PatternKind
 from alignment.imaging.plate import Plate
 
 _SIGMAS = 4.0
@@ -168,13 +169,26 @@ def scale_sentence(plate: Plate, factor: float, against: str, then: str) -> str:
     then
         What to check after the plate.
     """
-    indices = plate.indices - plate.indices.mean(axis=0)
-    pitch = float((indices * plate.points[:, :2]).sum() / np.square(indices).sum())
     unit = next((text for known, text in _UNITS.items() if abs(factor / known - 1.0) < _SAME_UNIT), None)
     by = f"{100.0 * (factor - 1.0):+.2f} %" if 0.5 < factor < 2.0 else f"a factor of {factor:.4g}"
+    stated, fitting = _pitches(plate, 1.0), _pitches(plate, factor)
+    what, field, verb = "a pitch", "pitch_mm", "is"
+    if plate.pattern.kind is not PatternKind.RING_MARKS:
+        what, field, verb = "pitches", "pitch_x_mm, pitch_y_mm", "are"
     return (
-        f"plate and {against} by one common scale, {by}: a pitch of "
-        f"{pitch / factor:.4g} mm would fit where {pitch:.4g} mm is stated"
+        f"plate and {against} by one common scale, {by}: "
+        f"{what} of {fitting} would fit where {stated} {verb} stated"
         + ("" if unit is None else f", as would {unit}")
-        + f"; check the plate's pitch_mm and certificate first, then {then}"
+        + f"; check the plate's {field} and certificate first, then {then}"
     )
+
+
+def _pitches(plate: Plate, factor: float) -> str:
+    """The pitch of a plate over a factor, in words; in x and y where its file has both."""
+    indices = plate.indices - plate.indices.mean(axis=0)
+    points = plate.points[:, :2]
+    if plate.pattern.kind is PatternKind.RING_MARKS:
+        return f"{float((indices * points).sum() / np.square(indices).sum()) / factor:.4g} mm"
+    along = np.linalg.lstsq(indices.astype(np.float64), points - points.mean(axis=0))[0]
+    x, y = (f"{abs(float(along[axis, axis])) / factor:.4g} mm in {name}" for axis, name in enumerate("xy"))
+    return f"{x} and {y}"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError
 from alignment.values import Image
-from sensors.camera import CameraSettings, Frame
+from sensors.camera import CameraSettings, Frame, SettingsInForce
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +28,8 @@ class QueuedExposure:
         Exposure time, milliseconds.
     arrives_s
         When it can be fetched, seconds on the driver's clock.
+    in_force, temperature_c
+        What the camera said of itself; None where it said nothing.
     """
 
     trigger_counter: int
@@ -35,6 +37,8 @@ class QueuedExposure:
     device_time_s: float
     exposure_ms: float
     arrives_s: float
+    in_force: SettingsInForce | None = None
+    temperature_c: float | None = None
 
 
 class QueuedCamera(ABC):
@@ -117,6 +121,8 @@ class QueuedCamera(ABC):
             device_time_s=exposure.device_time_s,
             host_time_s=self._clock(),
             exposure_ms=exposure.exposure_ms,
+            in_force=exposure.in_force,
+            temperature_c=exposure.temperature_c,
         )
 
     def close(self) -> None:

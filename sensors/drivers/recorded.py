@@ -1,10 +1,10 @@
-"""A camera that plays recorded shot folders, one for each trigger, in order."""
+"""Cameras that play recorded shot folders in order, and the rig of them, which gives each shot whole."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -19,10 +19,11 @@ from sensors.drivers.driver import RigDriver, RigPlace
 from sensors.drivers.queued import QueuedCamera, QueuedExposure
 from sensors.formats.files import entries
 from sensors.formats.shot import SHOT_FILE, read_frame, read_shot_file
-from sensors.formats.shot_file import FrameEntry
+from sensors.formats.shot_file import FrameEntry, HeadShot
 from sensors.formats.validation import FilePath, StrictModel
 from sensors.frames import FrameTolerance
 from sensors.rig import Rig, StereoHead
+from sensors.shot import WheelShot
 
 
 class RecordedOptions(StrictModel):
@@ -34,11 +35,21 @@ class RecordedOptions(StrictModel):
     )
 
 
+@dataclass(frozen=True)
+class _Played:
+    """An image of a recording, and whether it is a dark one, which belongs to the one before."""
+
+    folder: Path
+    entry: FrameEntry
+    dark: bool = False
+
+
 class RecordedCamera(QueuedCamera):
     """Plays one camera of recorded shots. Settings are accepted; the images keep those they were taken with.
 
-    Connecting begins with the first folder, arming goes on with the next. Frames count the triggers of this
-    run; device time and exposure are the recorded ones, the host time is when the frame was fetched.
+    Connecting begins with the first folder, arming goes on with the next. A shot that has a dark image takes
+    two triggers, as it did when it was recorded: the second one plays that. Frames count the triggers of this
+    run; the host time is when the frame was fetched, everything else is as recorded.
 
     Parameters
     ----------
@@ -80,7 +91,7 @@ class RecordedCamera(QueuedCamera):
         self._head = head
         self._side = side
         self._at_end = at_end
-        self._entries: list[FrameEntry] = []
+        self._entries: list[_Played] = []
         self._played = 0
 
     def _open(self) -> None:
@@ -91,12 +102,29 @@ class RecordedCamera(QueuedCamera):
         FormatError
             When a shot cannot be read, lacks the head, or its image is missing.
         """
-        self._entries = [self._entry(folder) for folder in self._folders]
+        self._entries = [entry for folder in self._folders for entry in self._entries_of(folder)]
         self._played = 0
 
-    def _entry(self, folder: Path) -> FrameEntry:
+    def arm(self, settings: CameraSettings) -> None:
+        """Take over settings, and go on with the next shot; see `Camera.arm`."""
+        super().arm(settings)
+        if self.dark_next:
+            self._played += 1
+
+    @property
+    def dark_next(self) -> bool:
+        """Whether the next trigger plays the dark image of the shot that was just played."""
+        return bool(self._entries) and self._entries[self._played % len(self._entries)].dark
+
+    def _entries_of(self, folder: Path) -> list[_Played]:
         shot = read_shot_file(folder)
-        heads = {head.name: head for head in shot.heads}
+        lit = self._entry(folder, shot.heads)
+        if shot.dark is None:
+            return [lit]
+        return [lit, replace(self._entry(folder, shot.dark), dark=True)]
+
+    def _entry(self, folder: Path, described: Sequence[HeadShot]) -> _Played:
+        heads = {head.name: head for head in described}
         if self._head not in heads:
             raise FormatError(
                 file=folder / SHOT_FILE,
@@ -113,7 +141,7 @@ class RecordedCamera(QueuedCamera):
                 seen="no such file",
                 cure="Copy the whole folder",
             )
-        return entry
+        return _Played(folder, entry)
 
     def _expose(self, counter: int, settings: CameraSettings) -> QueuedExposure:
         index = self._played
@@ -121,14 +149,38 @@ class RecordedCamera(QueuedCamera):
             if self._at_end == "stop":
                 raise CameraError(
                     self.name,
-                    f"the recording ended after {count_of(len(self._entries), 'shot')}, "
+                    f"the recording ended after {count_of(len(self._folders), 'shot')}, "
                     f"trigger {counter} has none",
                     "Record more shots, or let the recording repeat",
                 )
             index %= len(self._entries)
         self._played += 1
-        frame = read_frame(self._folders[index], self._entries[index])
-        return QueuedExposure(counter, frame.image, frame.device_time_s, frame.exposure_ms, self._clock())
+        frame = read_frame(self._entries[index].folder, self._entries[index].entry)
+        return QueuedExposure(
+            counter,
+            frame.image,
+            frame.device_time_s,
+            frame.exposure_ms,
+            self._clock(),
+            frame.in_force,
+            frame.temperature_c,
+        )
+
+
+class RecordedRig(Rig):
+    """A rig of recorded cameras: a shot that has dark images is given with them, as it was recorded.
+
+    Its light is that of the recording, which no projector changes.
+    """
+
+    plays = True
+
+    def shoot(self, timeout_s: float) -> WheelShot:
+        """Play the next shot; see `Rig.shoot`."""
+        lit = super().shoot(timeout_s)
+        if not any(isinstance(camera, RecordedCamera) and camera.dark_next for camera in self.cameras):
+            return lit
+        return replace(lit, dark=super().shoot(timeout_s).heads)
 
 
 def recorded_rig(
@@ -137,7 +189,7 @@ def recorded_rig(
     name: str | None = None,
     tolerance: FrameTolerance | None = None,
 ) -> Rig:
-    """Return a rig that plays recorded shots; each `Rig.shoot` gives the next folder's images.
+    """Return a rig that plays recorded shots; each `Rig.shoot` gives the next folder's, with its dark images.
 
     Parameters
     ----------
@@ -166,7 +218,7 @@ def recorded_rig(
     def camera(head: str, side: Side) -> RecordedCamera:
         return RecordedCamera(f"{rig}/{head}/{side}", folders, head, side, at_end)
 
-    return Rig(
+    return RecordedRig(
         rig,
         [StereoHead(h.name, camera(h.name, "left"), camera(h.name, "right")) for h in shot.heads],
         tolerance=replace(tolerance or FrameTolerance(), repeats=_twice_running(folders, at_end)),

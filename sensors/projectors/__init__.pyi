@@ -3,6 +3,7 @@ from .driver import LoadedProjector as LoadedProjector
 from .driver import ProjectorDriver as ProjectorDriver
 from .driver import ProjectorPlace as ProjectorPlace
 from .driver import load_projector as load_projector
+from .guarded import GuardedProjector as GuardedProjector
 from .lit_rig import LitRig as LitRig
 from .lit_rig import RigLight as RigLight
 from .projector import ProjectorDevice as ProjectorDevice

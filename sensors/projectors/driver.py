@@ -54,6 +54,8 @@ class ProjectorDriver(Generic[Options]):
         Whether its projectors can leave exposures without light.
     adjustable
         Whether their brightness can be set.
+    in_process
+        Whether nothing but this program stands behind them, so that no call needs a bound.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class ProjectorDriver(Generic[Options]):
     make: Callable[[Options, ProjectorPlace], ProjectorDevice]
     can_be_dark: bool = True
     adjustable: bool = True
+    in_process: bool = False
 
     def __post_init__(self) -> None:
         settings: object = self.settings

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from alignment.errors import ConfigurationError, ProjectorError, SeveralErrors, TruewheelError, told
+from alignment.errors import ConfigurationError, SeveralErrors, TruewheelError
 from sensors.camera import Camera
+from sensors.projectors.guarded import driver_failed
 from sensors.projectors.projector import ProjectorDevice, ProjectorState
 from sensors.rig import Rig
 from sensors.shot import WheelShot
@@ -80,6 +81,11 @@ class LitRig:
             )
 
     @property
+    def _plays(self) -> bool:
+        """Whether a recording says what is lit and what is dark."""
+        return bool(getattr(self.rig, "plays", False))
+
+    @property
     def cameras(self) -> tuple[Camera, ...]:
         """As of `Rig`."""
         return self.rig.cameras
@@ -124,9 +130,9 @@ class LitRig:
         """
         began_s = self._clock()
         lit = self.rig.shoot(timeout_s)
-        if not self.light.dark:
+        if not self.light.dark or self._plays:
             return lit
-        with self._asked():
+        with self._asked("dark"):
             self.projector.dark()
         try:
             dark = self.rig.shoot(max(0.0, timeout_s - (self._clock() - began_s)))
@@ -141,7 +147,7 @@ class LitRig:
         """
         if not self.projector.can_be_dark:
             return self.rig.shoot(timeout_s)
-        with self._asked():
+        with self._asked("dark"):
             self.projector.dark()
         try:
             return self.rig.shoot(timeout_s)
@@ -150,7 +156,7 @@ class LitRig:
 
     def state(self) -> ProjectorState:
         """Ask the projector how it is; ProjectorError when it does not answer."""
-        with self._asked():
+        with self._asked("state"):
             return self.projector.state()
 
     def close(self) -> None:
@@ -175,30 +181,26 @@ class LitRig:
         return failures
 
     def _connect_projector(self) -> None:
-        with self._asked():
+        with self._asked("connect"):
             self.projector.connect()
 
     def _close_projector(self) -> None:
-        with self._asked():
+        with self._asked("close"):
             self.projector.close()
 
     def _lit(self) -> None:
-        with self._asked():
+        with self._asked("light"):
             self.projector.light(self.light.brightness)
 
     @contextmanager
-    def _asked(self) -> Iterator[None]:
+    def _asked(self, what: str) -> Iterator[None]:
         """Let whatever a foreign driver raises be an error of this projector."""
         try:
             yield
         except TruewheelError:
             raise
         except Exception as error:
-            raise ProjectorError(
-                self.name,
-                f"its driver failed: {told(error)}",
-                "Check its power and its cable; if it stays, tell the makers of its driver",
-            ) from error
+            raise driver_failed(self.name, what, error) from error
 
 
 def _together(message: str, failures: list[TruewheelError]) -> TruewheelError:

@@ -46,5 +46,5 @@ def _make(options: NoneOptions, place: ProjectorPlace) -> UnspokenProjector:
     return UnspokenProjector(place.rig)
 
 
-DRIVER = ProjectorDriver(NoneOptions, _make, can_be_dark=False, adjustable=False)
+DRIVER = ProjectorDriver(NoneOptions, _make, can_be_dark=False, adjustable=False, in_process=True)
 """The driver ``none``."""

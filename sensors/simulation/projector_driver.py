@@ -84,5 +84,5 @@ def _make(options: SimulatedProjectorOptions, place: ProjectorPlace) -> Simulate
     return SimulatedProjector(place.rig, place.cameras, options.wear)
 
 
-DRIVER = ProjectorDriver(SimulatedProjectorOptions, _make)
+DRIVER = ProjectorDriver(SimulatedProjectorOptions, _make, in_process=True)
 """The driver ``simulated``."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from alignment.counting import count_of
+from alignment.counting import count_of, listed
 from alignment.errors import Words
 from station.commands.output import BAD_INPUT, JsonFlag, print_json
 from station.commands.words import remedy_in_commands
@@ -43,6 +43,13 @@ def check(
     file: Annotated[
         Path | None, typer.Argument(help="Station's configuration.", show_default="configs/station.toml")
     ] = None,
+    uncalibrated: Annotated[
+        bool,
+        typer.Option(
+            "--uncalibrated",
+            help="Rigs may have no calibration yet, as while their cameras are commissioned.",
+        ),
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Validate a configuration and all that it names, without starting; every mistake at once."""
@@ -50,13 +57,16 @@ def check(
     from station.running import check_configuration
 
     path = own_config(file)
-    configuration, errors = check_configuration(path)
+    configuration, errors = check_configuration(path, uncalibrated=uncalibrated)
+    rigs = () if configuration is None else configuration.settings.rigs
+    bare = [rig.name for rig in rigs if rig.calibration is None and not rig.knows_calibration]
     findings = [error.told(Words(remedy=remedy_in_commands)) for error in errors]
     if as_json:
         print_json(
             {
                 "file": str(path),
                 "findings": findings,
+                "uncalibrated": bare,
                 "hash": None if configuration is None else configuration.hash,
                 "figures": {"findings": len(findings)},
             }
@@ -72,6 +82,8 @@ def check(
             f" {len(configuration.vehicle_types)} vehicle types, line {settings.line.interface}"
             f" {settings.line.channel}"
         )
+        if bare:
+            typer.echo(f"not calibrated yet, the station does not start with them: {listed(bare)}")
         if settings.line.interface == ONE_PROCESS:
             typer.echo(
                 f"the interface {ONE_PROCESS} is in one process only, no PLC reaches it: name that of your "

@@ -43,6 +43,14 @@ class ArchiveSettings(StrictModel):
         " series that finds no room is measured and not archived",
     )
 
+    closing_s: float = Field(
+        default=120.0,
+        ge=1,
+        le=3600,
+        description="Longest wait at the station's end for images that are not written yet, seconds; what is"
+        " left then is lost, and told by cycle and wheel",
+    )
+
     @model_validator(mode="after")
     def _keeps_something(self) -> ArchiveSettings:
         if self.keep == "all" and self.every is not None:

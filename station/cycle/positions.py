@@ -30,7 +30,7 @@ from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
 from station.cycle.acceptance import corrected_and_judged
 from station.cycle.failure import Failure, fault
-from station.cycle.retaking import Retaking, of_cameras
+from station.cycle.retaking import Retaking, of_devices
 from station.cycle.series import SeriesError, SeriesPlan, take_series
 from station.cycle.words import ErrorCode
 from station.threads import Worker
@@ -317,7 +317,7 @@ class WheelPosition:
         except SeriesError as error:
             return self.failed(ABORTED if error.code is ErrorCode.NONE else fault(error.code, str(error)))
         except TruewheelError as error:
-            if not of_cameras(error):
+            if not of_devices(error):
                 raise
             # They could not be made ready for another attempt.
             return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))

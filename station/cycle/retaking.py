@@ -1,4 +1,4 @@
-"""One transient error is not a lost camera: what failed is done again once, within the time of the cycle."""
+"""One transient error is not a lost device: what failed is done again once, within the time of the cycle."""
 
 from __future__ import annotations
 
@@ -6,7 +6,13 @@ import logging
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from alignment.errors import CameraConnectionError, CameraError, SeveralErrors, TruewheelError
+from alignment.errors import (
+    CameraConnectionError,
+    CameraError,
+    ProjectorError,
+    SeveralErrors,
+    TruewheelError,
+)
 
 _LOG = logging.getLogger("truewheel.station")
 _T = TypeVar("_T")
@@ -31,6 +37,8 @@ class Reached(Protocol):
 
 class Retaking:
     """Does what cameras failed at a second time, after they were armed, or reached anew where one was lost.
+
+    A projector that failed is always reached anew: its driver may have let go of it.
 
     Not after half of the time: what failed once may take as long again.
 
@@ -79,7 +87,7 @@ class Retaking:
 
     def _ready_again(self, rig: Reached, error: TruewheelError) -> None:
         """Make the rig ready for another attempt, or raise the error where there is none."""
-        failures = of_cameras(error)
+        failures = of_devices(error)
         late = self._clock() - self._begun_s >= 0.5 * self._within_s
         if not failures or late or self._used is not None:
             raise error
@@ -88,15 +96,16 @@ class Retaking:
             # While a wheel is adjusted the same may fail for minutes.
             _LOG.warning("%s", self._used)
         self._said = self._used
-        if any(isinstance(failure, CameraConnectionError) for failure in failures):
+        if any(isinstance(failure, CameraConnectionError | ProjectorError) for failure in failures):
             rig.connect()
         rig.arm()
 
 
-def of_cameras(error: BaseException) -> list[CameraError]:
-    """The failures of cameras that an error, or its cause, is made of; none when of anything else too."""
-    if isinstance(error.__cause__, TruewheelError) and not isinstance(error, CameraError | SeveralErrors):
-        return of_cameras(error.__cause__)
+def of_devices(error: BaseException) -> list[CameraError | ProjectorError]:
+    """The failures of cameras and projector that an error, or its cause, is made of; none when of more."""
+    devices = (CameraError, ProjectorError)
+    if isinstance(error.__cause__, TruewheelError) and not isinstance(error, (*devices, SeveralErrors)):
+        return of_devices(error.__cause__)
     parts = error.exceptions if isinstance(error, SeveralErrors) else (error,)
-    found = [part for part in parts if isinstance(part, CameraError)]
+    found = [part for part in parts if isinstance(part, devices)]
     return found if len(found) == len(parts) else []

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from alignment.errors import ConfigurationError, InputError, TruewheelError, told
 from alignment.values import SIDES
+from sensors.bounded import CallBounds
 from sensors.camera import Camera
 from sensors.drivers.driver import CameraDriver, CameraPlace, KnownCalibration, RigDriver, RigPlace
 from sensors.formats import StrictModel, read_calibration_file, write_calibration
-from sensors.guarded import CallBounds, GuardedCamera
+from sensors.guarded import GuardedCamera
 from sensors.rig import Rig, StereoHead
 from station.configuration import Configuration
 from station.cycle import CalibrationInForce
@@ -98,11 +99,15 @@ def takes_again_within_s(configuration: Configuration, index: int) -> float:
     return 0.0 if plays else configuration.settings.cycle.measure_timeout_s
 
 
-def check_rig(configuration: Configuration, index: int) -> None:
-    """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`."""
+def check_rig(configuration: Configuration, index: int, *, uncalibrated: bool = False) -> None:
+    """Look for all mistakes of a rig that can be found without its cameras; errors as `open_rig`.
+
+    `uncalibrated` lets it be without a calibration, as while its cameras are commissioned.
+    """
     rig = configuration.settings.rigs[index]
     calibration = None if rig.calibration is None else read_rig_calibration(configuration, index)
-    require_calibration(configuration, index)
+    if not uncalibrated:
+        require_calibration(configuration, index)
     check = rig.cameras.driver.check
     if check is not None:
         with in_driver(configuration, index):

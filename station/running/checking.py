@@ -16,17 +16,20 @@ from station.running.cameras import check_rig
 from station.running.frame import check_frame
 
 
-def check_configuration(path: Path) -> tuple[Configuration | None, list[TruewheelError]]:
+def check_configuration(
+    path: Path, *, uncalibrated: bool = False
+) -> tuple[Configuration | None, list[TruewheelError]]:
     """Read a configuration with everything it names; return it with all that is wrong.
 
-    Without the configuration itself there is one finding, the error of reading it.
+    Without the configuration itself there is one finding, the error of reading it. `uncalibrated` lets rigs
+    be without a calibration.
     """
     try:
         configuration = read_configuration(path)
     except TruewheelError as error:
         return None, [error]
     found: list[TruewheelError] = []
-    for check in _checks(configuration):
+    for check in _checks(configuration, uncalibrated):
         try:
             check()
         except TruewheelError as error:
@@ -34,7 +37,7 @@ def check_configuration(path: Path) -> tuple[Configuration | None, list[Truewhee
     return configuration, found
 
 
-def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
+def _checks(configuration: Configuration, uncalibrated: bool) -> Iterator[Callable[[], object]]:
     settings = configuration.settings
     yield lambda: configuration.hash
     yield lambda: load_line_database(configuration.path(settings.line.dbc))
@@ -48,7 +51,7 @@ def _checks(configuration: Configuration) -> Iterator[Callable[[], object]]:
         if name is not None:
             yield lambda field=field, name=name: _check_writable(configuration, field, name)  # type: ignore[misc]
     for index in range(len(settings.rigs)):
-        yield partial(check_rig, configuration, index)
+        yield partial(check_rig, configuration, index, uncalibrated=uncalibrated)
     yield lambda: check_frame(configuration)
 
 

@@ -149,6 +149,10 @@ def open_station(
             _position(settings, rig, known, frame, within_s, watch)
             for (rig, known), within_s in zip(rigs, again_s, strict=True)
         )
+        archive = open_archive(configuration, store)
+        if archive is not None:
+            # Before the line, which at the end must not seem alive while images are written.
+            stack.enter_context(archive)
         line = stack.enter_context(StationLine(bus, database, options=line_options(configuration)))
         try:
             warm_up(works_of(configuration), stopping=stopping)
@@ -156,9 +160,6 @@ def open_station(
             line.publish(StationStatus(StationState.FAULT, ErrorCode.INTERNAL_FAULT))
             raise
         images = settings.cycle.image_folder
-        archive = open_archive(configuration, store)
-        if archive is not None:
-            stack.enter_context(archive)
         stack.enter_context(watch)
         cycle = MeasuringCycle(
             Identity(settings.station.id, version("truewheel"), configuration.hash),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from alignment.errors import ConfigurationError
-from sensors.projectors import LitRig, ProjectorPlace
+from sensors.projectors import GuardedProjector, LitRig, ProjectorPlace
 from sensors.rig import Rig
 from station.configuration import Configuration
-from station.running.cameras import in_driver
+from station.running.cameras import call_bounds, in_driver
 
 _VERBS = ("connect", "light", "dark", "state", "close")
 
@@ -25,14 +25,23 @@ def with_light(configuration: Configuration, index: int, rig: Rig) -> Rig | LitR
     if settings.projector is None:
         return rig
     place = ProjectorPlace(settings.name, settings.side, configuration.file.parent, rig)
-    with in_driver(configuration, index, light=True):
-        made: Any = settings.projector.projector.driver.make(settings.projector.options, place)
-        whole = all(callable(getattr(made, verb, None)) for verb in _VERBS)
-        if not whole or not hasattr(made, "can_be_dark"):
+    driver = settings.projector.projector.driver
+
+    def made() -> Any:
+        projector: Any = driver.make(settings.projector.options, place)
+        whole = all(callable(getattr(projector, verb, None)) for verb in _VERBS)
+        if not whole or not hasattr(projector, "can_be_dark"):
             raise ConfigurationError(
                 expected="a projector from its driver, with the methods of "
                 "sensors.projectors.ProjectorDevice",
-                seen=f"an object of type '{type(made).__name__}'",
+                seen=f"an object of type '{type(projector).__name__}'",
                 cure="Ask the makers of the driver for a version that fits truewheel",
             )
-        return LitRig(rig, made, settings.projector.light())
+        return projector
+
+    with in_driver(configuration, index, light=True):
+        projector = made()
+        if not driver.in_process:
+            # One that hangs for good is made anew.
+            projector = GuardedProjector(projector, settings.name, made, call_bounds(configuration))
+        return LitRig(rig, projector, settings.projector.light())

@@ -58,7 +58,7 @@ class ImageArchive:
     now
         Aware UTC time.
     closing_s
-        Longest wait for what is being written at the end.
+        Longest wait at the end for what was taken and is not written yet; what is left then is told by name.
     kinds
         The vehicle types, by their names.
     """
@@ -71,15 +71,18 @@ class ImageArchive:
         keeping: Keeping,
         note: Callable[[str, UUID | None], object],
         now: Callable[[], datetime] = utc_now,
-        closing_s: float = 30.0,
+        closing_s: float = 120.0,
         kinds: Mapping[str, VehicleType] | None = None,
     ) -> None:
         self._store, self._folder, self._policy = store, folder, policy
         self._keeping, self._note, self._now = keeping, note, now
         self._kinds = kinds or {}
-        self._closing_s = closing_s
+        self.closing_s = closing_s
         self._waiting: queue.Queue[_Job] = queue.Queue(_MOST_WAITING)
         self._refused: queue.SimpleQueue[UUID] = queue.SimpleQueue()
+        # What was taken and is neither written nor told of, by cycle, in the order of their coming.
+        self._unwritten: dict[UUID, list[str]] = {}
+        self._lock = threading.Lock()
         self.thread = SupervisedThread("image archive", self._step)
 
     def __enter__(self) -> Self:
@@ -87,21 +90,28 @@ class ImageArchive:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Write what waits, within the bound; what is left then is told as lost."""
+        """Write what waits, within the bound; what is left then is told, by cycle and wheel."""
+        if self._unwritten:
+            _LOG.info(
+                "the images of %d cycles are still to be written; the end waits %g s at most",
+                len(self._unwritten),
+                self.closing_s,
+            )
         self.wait()
         try:
             self.thread.stop(4 * _LOOK_S)
         except LineError:
-            _LOG.error("the disk of the archive hangs; its thread is left behind")
+            _LOG.error("the archive still writes, or its disk hangs; its thread is left behind")
         self._tell_refused()
-        lost = self._waiting.unfinished_tasks
-        if lost:
-            text = f"images of {lost} cycles are not archived: the station ended before they were written"
-            self._note(text, None)
+        with self._lock:
+            left, self._unwritten = self._unwritten, {}
+        for cycle, wheels in left.items():
+            text = f"images of cycle {cycle} are not archived: the station ended before those of"
+            self._tell(f"{text} {', '.join(wheels)} were written", cycle)
 
     def wait(self) -> bool:
         """Wait until all that was offered is written or lost; false when that takes longer than the bound."""
-        deadline = time.monotonic() + self._closing_s
+        deadline = time.monotonic() + self.closing_s
         while self._waiting.unfinished_tasks and self.thread.alive and time.monotonic() < deadline:
             self.thread.stopping.wait(_LOOK_S / 5)
         return not self._waiting.unfinished_tasks
@@ -116,9 +126,12 @@ class ImageArchive:
         )
         if not kept:
             return
+        with self._lock:
+            self._unwritten[record.uuid] = [wheel.wheel for wheel, _ in kept]
         try:
             self._waiting.put_nowait(_Job(record, kept))
         except queue.Full:
+            self._done(record.uuid)
             self._refused.put(record.uuid)
             _LOG.error("images of cycle %s are not archived: the disk is too slow", record.uuid)
 
@@ -130,7 +143,11 @@ class ImageArchive:
             return
         try:
             for wheel, retention in job.wheels:
+                if stopping.is_set():
+                    # The end has waited long enough, and tells what is left.
+                    return
                 self._write(job.record, wheel, retention)
+                self._done(job.record.uuid, wheel.wheel)
             self._tell_incomplete(job)
             enforce(self._store, self._folder, self._policy, self._now())
         except (TruewheelError, OSError) as error:
@@ -143,8 +160,21 @@ class ImageArchive:
             self._waiting.task_done()
 
     def _lost(self, job: _Job, why: str) -> None:
-        _LOG.error("images of cycle %s: %s", job.record.uuid, why)
-        self._note(f"images of cycle {job.record.uuid} are not archived: {why}", job.record.uuid)
+        self._done(job.record.uuid)
+        self._tell(f"images of cycle {job.record.uuid} are not archived: {why}", job.record.uuid)
+
+    def _tell(self, text: str, cycle: UUID) -> None:
+        _LOG.error("%s", text)
+        self._note(text, cycle)
+
+    def _done(self, cycle: UUID, wheel: str | None = None) -> None:
+        """Forget a wheel, or all of a cycle: it is written, or was told of."""
+        with self._lock:
+            left = [] if wheel is None else self._unwritten.get(cycle, [])
+            if wheel in left:
+                left.remove(wheel)
+            if not left:
+                self._unwritten.pop(cycle, None)
 
     def _tell_refused(self) -> None:
         """Tell of all that found no room since the last time, in one sentence."""

@@ -102,6 +102,7 @@ def open_archive(configuration: Configuration, store: StationStore) -> ImageArch
         archive_policy(settings),
         Keeping(settings.keep, settings.every),
         note,
+        closing_s=settings.closing_s,
         kinds={kind.name: kind for kind in configuration.vehicle_types.values()},
     )
 

@@ -50,6 +50,7 @@ _STAGES = (
 _FEW_STAGES = 5  # of them, for the quick study and the tests
 _PITCH_MM, _DIAMETER_MM = 8.0, 5.4
 _HALF_MM = 40.0
+_LABELS = {"charuco": "ChArUco"}
 
 
 def compared_plates() -> dict[str, PlateDescription]:
@@ -185,7 +186,7 @@ def _plot(points: Mapping[str, list[float]]) -> Figure:
         at.plot(np.full(len(of_heads), k), of_heads, "o", color=SERIES[0], alpha=0.6, label=label)
     own = math.sqrt(float(np.mean(np.square(points[OWN]))))
     at.axhline(LARGEST_RATIO * own, color=BAD, label="goal")
-    at.set_xticks(range(len(points)), [name.replace("_", "\n") for name in points])
+    at.set_xticks(range(len(points)), [_LABELS.get(name, name.replace("_", "\n")) for name in points])
     at.set_ylabel("RMS error of points, µm")
     at.set_ylim(bottom=0.0)
     legend_outside(figure)

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError, ConfigurationError
+from sensors.bounded import MOST_LEFT, CallBounds
 from sensors.camera import CameraSettings
 from sensors.camera_health import CameraStatistics, place_in_words
 from sensors.drivers.simulated import SimulatedCamera
-from sensors.guarded import MOST_LEFT, CallBounds, GuardedCamera
+from sensors.guarded import GuardedCamera
 from tests.sensors.camera_contract import CameraContract
 from tests.sensors.samples import HEIGHT, WIDTH
 from tests.sensors.scripted import Device, Patience, ScriptedCamera

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alignment.errors import FormatError
-from sensors.camera import SettingsInForce
+from alignment.errors import CameraError, FormatError, SeveralErrors
+from sensors.camera import CameraSettings, SettingsInForce
 from sensors.drivers.recorded import recorded_rig
 from sensors.formats.shot import read_shot, write_shot
+from sensors.projectors.lit_rig import LitRig, RigLight
 from sensors.shot import HeadFrames, SeriesPlace
+from tests.sensors.projectors.fakes import NotedProjector
 from tests.sensors.samples import calibration, shot
 
 IN_FORCE = SettingsInForce(
@@ -135,3 +137,75 @@ def test_a_recorded_rig_plays_the_second_version(tmp_path):
     played = rig.shoot(1.0)
     rig.close()
     assert np.array_equal(played.frames[3].image, full().frames[3].image)
+    same(played, full())
+
+
+def same(played, recorded):
+    """All that a shot says but when it is played, and in which place of the run."""
+    assert len(played.dark) == len(recorded.dark)
+    pairs = zip((*played.frames, *played.dark_frames), (*recorded.frames, *recorded.dark_frames), strict=True)
+    for mine, known in pairs:
+        assert (mine.camera, mine.device_time_s, mine.exposure_ms) == (
+            known.camera,
+            known.device_time_s,
+            known.exposure_ms,
+        )
+        assert (mine.in_force, mine.temperature_c) == (known.in_force, known.temperature_c)
+        assert np.array_equal(mine.image, known.image)
+
+
+def test_recorded_shots_with_and_without_dark_images_play_whole_and_measure_the_same(tmp_path):
+    """The dark images of an archive were not played: what was measured live came out otherwise."""
+    shots = [full(), shot(trigger=3), full()]
+    for index, each in enumerate(shots):
+        write_shot(tmp_path / f"{index}", each)
+    rig = recorded_rig([tmp_path / f"{index}" for index in range(3)], at_end="repeat")
+    rig.connect()
+    rig.arm()
+    for known in (*shots, *shots):
+        played = rig.shoot(1.0)
+        same(played, known)
+        for mine, theirs in zip(played.images, known.images, strict=True):
+            assert np.array_equal(mine.left, theirs.left)
+    rig.close()
+
+
+def test_arming_between_a_shot_and_its_dark_image_goes_on_with_the_next_shot(tmp_path):
+    for index in (0, 1):
+        write_shot(tmp_path / f"{index}", full())
+    camera = recorded_rig([tmp_path / "0", tmp_path / "1"]).cameras[0]
+    camera.connect()
+    camera.arm(CameraSettings())
+    camera.trigger()
+    assert camera.dark_next
+    camera.arm(CameraSettings())
+    assert not camera.dark_next
+    camera.trigger()
+    assert np.array_equal(camera.fetch(0.0).image, full().frames[0].image)
+    camera.trigger()
+    assert np.array_equal(camera.fetch(0.0).image, full().dark_frames[0].image)
+    with pytest.raises(CameraError, match="ended after 2 shots"):
+        camera.trigger()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_no_projector_makes_the_next_recorded_wheel_the_dark_image_of_this_one(tmp_path, dark):
+    """With dark = true over a recording every second wheel was subtracted from the one before."""
+    shots = [shot(trigger=1), full(), shot(trigger=2)]
+    for index, each in enumerate(shots):
+        write_shot(tmp_path / f"{index}", each)
+    recorded = recorded_rig([tmp_path / f"{index}" for index in range(3)])
+    rig = LitRig(recorded, NotedProjector(), RigLight(dark=dark))
+    rig.connect()
+    rig.arm()
+    for known in shots:
+        same(rig.shoot(1.0), known)
+    rig.close()
+
+
+def test_a_dark_image_that_is_missing_is_found_when_the_recording_is_opened(tmp_path):
+    write_shot(tmp_path / "0", full())
+    (tmp_path / "0" / "head_1_left_dark.png").unlink()
+    with pytest.raises(SeveralErrors) as caught:
+        recorded_rig([tmp_path / "0"]).connect()
+    assert "head_1_left_dark.png" in str(caught.value)

@@ -16,8 +16,9 @@ from alignment.calibration.adjustment import adjust
 from alignment.calibration.diagnosis import diagnose
 from alignment.calibration.gate import CalibrationProblem
 from alignment.calibration.observations import CalibrationInput
-from alignment.calibration.scale import scale_in_moves
+from alignment.calibration.scale import scale_in_moves, scale_sentence
 from alignment.geometry.transforms import RigidTransform
+from sensors.formats import PatternPlateFile, describe_plate
 from station.studies.simulated_views import STAGES, observe, square_plate
 from tests.alignment.calibration.test_gate import SETTINGS, judged, rig, seen
 
@@ -98,3 +99,31 @@ def test_good_sessions_have_one_scale() -> None:
 def test_a_stage_that_only_goes_up_and_down_tells_nothing_of_the_pitch() -> None:
     heights = observe(rig(), square_plate(), STAGES[:5], np.random.default_rng(8)).data
     assert scale_in_moves(adjust(plate_times(heights, 1.02))) is None
+
+
+@pytest.mark.parametrize("name", ["circles", "asymmetric_circles", "chessboard", "charuco"])
+def test_a_plate_with_a_pitch_in_x_and_one_in_y_is_told_both_by_the_names_of_its_file(name: str) -> None:
+    """The sentence named pitch_mm, which such a file does not have, and the mean of two pitches."""
+    fields = {
+        "schema": "truewheel.pattern-plate/1",
+        "name": "theirs",
+        "pattern": name,
+        "columns": (-5, 5),
+        "rows": (-4, 3),
+        "pitch_x_mm": 10.0,
+        "pitch_y_mm": 8.0 if "circles" in name else 10.0,
+    }
+    if "circles" in name:
+        fields |= {"mark_diameter_mm": 5.0}
+    if name == "circles":
+        fields |= {"orientation": "stage"}
+    if name == "charuco":
+        fields |= {"dictionary": "DICT_4X4_250", "marker_mm": 7.5}
+    plate = describe_plate(PatternPlateFile.model_validate(fields)).plate
+    said = scale_sentence(plate, 1.25, "stage disagree", "the stage")
+    y = (8.0, 6.4) if "circles" in name else (10.0, 8.0)
+    assert (
+        f"pitches of 8 mm in x and {y[1]:g} mm in y would fit where 10 mm in x and {y[0]:g} mm in y" in said
+    )
+    assert "check the plate's pitch_x_mm, pitch_y_mm and certificate first, then the stage" in said
+    assert "pitch_mm" not in said

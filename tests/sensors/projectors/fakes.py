@@ -1,4 +1,4 @@
-"""A serial projector at the other end of a pseudo-terminal, and one that notes what it is told."""
+"""A serial projector at the other end of a pseudo-terminal, one that notes, one that hangs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import threading
 import tty
 from collections.abc import Callable
+
+from sensors.projectors import ProjectorState
 
 
 class NotedProjector:
@@ -37,6 +39,65 @@ class NotedProjector:
 
     def close(self):
         self._do("close")
+
+
+class Lamp:
+    """What hangs on the cable, whichever driver object talks to it; a test changes it at any time.
+
+    `hangs` names calls that hang until `go_on` is set; each one that does so sets `hanging`.
+    """
+
+    def __init__(self, rig="front_left"):
+        self.rig = rig
+        self.calls, self.hangs, self.raises, self.once = [], set(), {}, {}
+        self.hanging, self.go_on = threading.Event(), threading.Event()
+        self.made, self.open, self.share, self.answer = 0, 0, None, ProjectorState("lamp")
+
+    def make(self):
+        self.made += 1
+        return ScriptedProjector(self)
+
+
+class ScriptedProjector:
+    """A driver object that does what its lamp says; like many it believes itself connected for good."""
+
+    can_be_dark = True
+
+    def __init__(self, lamp):
+        self.lamp, self.rig, self._connected = lamp, lamp.rig, False
+
+    def _do(self, what):
+        self.lamp.calls.append(what)
+        if what in self.lamp.hangs:
+            self.lamp.hanging.set()
+            assert self.lamp.go_on.wait(10.0)
+        error = self.lamp.once.pop(what, None) or self.lamp.raises.get(what)
+        if error is not None:
+            raise error
+        if what not in ("connect", "close"):
+            assert self._connected, f"{what} of a projector that is not connected"
+
+    def connect(self):
+        self._do("connect")
+        self.lamp.open += not self._connected
+        self._connected = True
+
+    def light(self, brightness):
+        self._do("light")
+        self.lamp.share = brightness
+
+    def dark(self):
+        self._do("dark")
+        self.lamp.share = 0.0
+
+    def state(self):
+        self._do("state")
+        return self.lamp.answer
+
+    def close(self):
+        self._do("close")
+        self.lamp.open -= self._connected
+        self._connected = False
 
 
 class PretendedController:

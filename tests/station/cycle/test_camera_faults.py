@@ -10,7 +10,8 @@ import pytest
 
 from alignment.errors import CameraConnectionError, CameraError, CameraTimeoutError
 from db.records import CycleOutcome, WheelOutcome
-from sensors.guarded import CallBounds, GuardedCamera
+from sensors.bounded import CallBounds
+from sensors.guarded import GuardedCamera
 from sensors.rig import Rig, StereoHead
 from station.cycle.adjusting import _REST_S
 from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Reset, StationState, Stop

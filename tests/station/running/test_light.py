@@ -9,6 +9,7 @@ import pytest
 
 from alignment.errors import ConfigurationError, ProjectorError
 from alignment.values import MeasureSettings
+from sensors.projectors.guarded import GuardedProjector
 from sensors.projectors.lit_rig import LitRig
 from sensors.simulation.simulated_rig import SimulatedRig
 from station.configuration.settings import read_configuration
@@ -79,6 +80,14 @@ def test_a_rig_that_is_not_calibrated_shows_its_cameras_and_measures_nothing(tmp
     assert any("rigs[0].calibration" in str(finding) for finding in findings)
 
 
+def test_while_cameras_are_commissioned_the_rest_of_their_settings_is_checked(tmp_path: Path) -> None:
+    """The missing calibration was refused first: a mistake beside it showed only when the cameras opened."""
+    path = station(tmp_path, "heads = ['head_1']\nrecorded = { shots = '.' }")
+    _, findings = check_configuration(path, uncalibrated=True)
+    [finding] = findings
+    assert "expected a folder of recorded shots" in str(finding)
+
+
 def test_a_projector_lost_between_two_cycles_is_a_fault_until_a_reset_and_the_other_wheels_go_on() -> None:
     with open_bench() as bench:
         bench.rigs["front_left"].arm_error = ProjectorError("front_left", "no answer", "Check its cable")
@@ -90,3 +99,16 @@ def test_a_projector_lost_between_two_cycles_is_a_fault_until_a_reset_and_the_ot
         [cycle] = bench.store.cycles
         [text] = [wheel.reason_text for wheel in cycle.wheels if wheel.wheel == "front_left"]
         assert "projector of front_left: no answer. Check its cable" in str(text)
+
+
+def test_a_foreign_projector_is_bounded_and_a_simulated_one_needs_no_thread(
+    tmp_path: Path,
+) -> None:
+    bounds = {}
+    for driver in ("serial = { port = '/dev/none' }", "simulated = {}", "none = {}"):
+        path = station(tmp_path, f"simulated = {{ seed = 1 }}\n[rigs.projector]\n{driver}")
+        configuration = read_configuration(path)
+        lit = with_light(configuration, 0, make_rig(configuration, 0, None))
+        assert isinstance(lit, LitRig)
+        bounds[driver.split()[0]] = isinstance(lit.projector, GuardedProjector)
+    assert bounds == {"serial": True, "simulated": False, "none": False}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from uuid import UUID
 
 import numpy as np
@@ -21,15 +24,19 @@ from db.upkeep.retention import Policy, enforce, kept
 from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
+from station.configuration.settings import read_configuration
 from station.cycle.judging import Evaluation, JudgedWheel
 from station.cycle.ports import CycleReport, Observer
 from station.cycle.positions import CalibrationInForce, MeasuredWith, WheelResult
 from station.cycle.verdict import Angle
 from station.cycle.words import Trigger
 from station.store.archive import ArchivingObserver, ImageArchive
+from station.store.archived import write_wheel
 from station.store.keeping import Keeping
+from station.store.opening import StationStore, open_archive
 from tests.db.databases import new_database
 from tests.db.example_records import CALIBRATION, NOON, axle, cycle, wheel
+from tests.documents import ROOT
 from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import measurement
 
@@ -296,8 +303,89 @@ def test_disk_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
     station.start()
     station.join(20)
     assert not station.is_alive()
-    assert said == ["images of 1 cycles are not archived: the station ended before they were written"]
+    ended = "the station ended before those of front_left were written"
+    assert said == [f"images of cycle {record.uuid} are not archived: {ended}"]
     gate.set()
+
+
+def test_the_end_waits_for_all_that_was_taken_and_then_ends_at_once(
+    tmp_path: Path, store: ResultStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Series of four wheels take longer than the half minute after which the rest of them was dropped."""
+    going, gate = threading.Event(), threading.Event()
+    write = write_wheel
+
+    def slow(*of: Any) -> str:
+        going.set()
+        assert gate.wait(60)
+        return write(*of)
+
+    monkeypatch.setattr("station.store.archive.write_wheel", slow)
+    records = [stored(store) for _ in range(5)]
+    archive = ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), pytest.fail, lambda: NOON, closing_s=60.0
+    )
+    waits = archive.wait
+
+    def wait_and_let_go() -> bool:
+        # The disk goes on only once the station has begun to end.
+        gate.set()
+        return waits()
+
+    archive.wait = wait_and_let_go  # type: ignore[method-assign]
+    with archive:
+        archive.offer(records[0], [wheel_of(records[0])])
+        assert going.wait(60)
+        for record in records[1:]:
+            archive.offer(record, [wheel_of(record, name) for name in ("front_left", "rear_right")])
+    folders = list((tmp_path / "images").glob("*/*"))
+    assert len(folders) == 9
+
+
+def test_what_the_end_could_not_wait_for_is_told_by_cycle_and_wheel(
+    tmp_path: Path, store: ResultStore, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One sentence counted cycles, and of one that was half written nobody knew which wheels were."""
+    hanging, gate, said = threading.Event(), threading.Event(), list[str]()
+    write = write_wheel
+
+    def hang(folder: Path, record: CycleRecord, found: WheelResult, kind: Any) -> str:
+        if found.wheel == "rear_left":
+            hanging.set()
+            gate.wait(60)
+        return write(folder, record, found, kind)
+
+    monkeypatch.setattr("station.store.archive.write_wheel", hang)
+    first, second = stored(store), stored(store)
+    names = ("front_left", "rear_left", "rear_right")
+    archive = ImageArchive(
+        store, tmp_path / "images", WIDE, Keeping("all"), into(said), lambda: NOON, closing_s=0.1
+    )
+    with archive:
+        for record in (first, second):
+            archive.offer(record, [wheel_of(record, name) for name in names])
+        assert hanging.wait(60)
+    ended = "are not archived: the station ended before those of"
+    assert said == [
+        f"images of cycle {first.uuid} {ended} rear_left, rear_right were written",
+        f"images of cycle {second.uuid} {ended} front_left, rear_left, rear_right were written",
+    ]
+    assert all(text in caplog.text for text in said)
+    gate.set()
+    [thread] = [each for each in threading.enumerate() if each.name == archive.thread.name]
+    thread.join(60)
+    # What the step had not begun it leaves: the store may be closed by now.
+    assert len(list((tmp_path / "images").glob("*/*"))) <= 2
+
+
+def test_how_long_the_end_waits_is_the_configuration_s(tmp_path: Path, store: ResultStore) -> None:
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    path = tmp_path / "configs" / "station.toml"
+    path.write_text(f'{path.read_text()}\n[archive]\nfolder = "images"\nclosing_s = 7.5\n')
+    background: Any = SimpleNamespace(note=pytest.fail)
+    archive = open_archive(read_configuration(path), StationStore(store, background))
+    assert archive is not None
+    assert archive.closing_s == 7.5
 
 
 class Offered:
