@@ -26,6 +26,11 @@ from .positions import WheelPosition as WheelPosition
 from .positions import WheelResult as WheelResult
 from .positions import utc_now as utc_now
 from .series import SeriesChoice as SeriesChoice
+from .vehicle_words import NOTHING_TOLD as NOTHING_TOLD
+from .vehicle_words import RideHeights as RideHeights
+from .vehicle_words import SteeringSource as SteeringSource
+from .vehicle_words import SteeringWheel as SteeringWheel
+from .vehicle_words import ToldOfVehicle as ToldOfVehicle
 from .verdict import Status as Status
 from .verdict import combined as combined
 from .words import RESERVED_CODES as RESERVED_CODES
