@@ -1,7 +1,7 @@
 """What the line tells of the vehicle that stands there: its steering wheel's angle and its ride heights.
 
-Angles are in degrees and lengths in millimetres, as on the bus. A steering wheel's angle is positive when it is
-turned to the left. What is too old or cannot be, the vehicle type judges; nothing here does.
+Angles are in degrees and lengths in millimetres, as on the bus. A steering wheel's angle is positive when it
+is turned to the left. What is too old or cannot be, the vehicle type judges; nothing here does.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from alignment.errors import InputError
 class SteeringSource(enum.StrEnum):
     """Who measured the steering wheel's angle; the words of the DBC's value table.
 
-    VEHICLE: the vehicle's own sensor. LEVEL: a levelling device on the steering wheel. OPERATOR: said by hand.
+    VEHICLE: the vehicle's own sensor. LEVEL: a levelling device on the wheel. OPERATOR: said by hand.
     """
 
     NONE = "none"
