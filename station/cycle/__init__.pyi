@@ -8,6 +8,8 @@ from .geometry_words import NO_GEOMETRY as NO_GEOMETRY
 from .geometry_words import GeometryAnswer as GeometryAnswer
 from .geometry_words import QuantityAnswer as QuantityAnswer
 from .geometry_words import QuantityState as QuantityState
+from .guidance_words import Guidance as Guidance
+from .guidance_words import GuidanceLine as GuidanceLine
 from .image_memory import ImageMemory as ImageMemory
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
