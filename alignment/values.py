@@ -220,6 +220,10 @@ class RefusalCode(enum.StrEnum):
     EXPOSURE_DOUBLED = "exposure_doubled"
     ANOTHER_WHEEL = "another_wheel"
     NOT_SLOW = "not_slow"
+    RIDE_HEIGHT = "ride_height"
+    TOO_FEW_POSITIONS = "too_few_positions"
+    SWEEP_TOO_SMALL = "sweep_too_small"
+    NO_STEERING_AXIS = "no_steering_axis"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from .geometry import VehicleGeometry as VehicleGeometry
 from .geometry import vehicle_geometry as vehicle_geometry
 from .placed import placing_covariance as placing_covariance
 from .placed import pose_by_frame as pose_by_frame
+from .ride_height import HeightCorrection as HeightCorrection
+from .ride_height import RideHeightCurve as RideHeightCurve
 from .wheel_axes import FOUR_WHEELS as FOUR_WHEELS
 from .wheel_axes import STEEL_PER_K as STEEL_PER_K
 from .wheel_axes import MeasuredAngles as MeasuredAngles
