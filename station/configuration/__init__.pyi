@@ -23,6 +23,8 @@ from .settings import station_model as station_model
 from .starter import write_starter as write_starter
 from .steering import SteeringAxisTolerances as SteeringAxisTolerances
 from .steering import SteeringOptions as SteeringOptions
+from .sweeps import MOST_SWEEP_POSITIONS as MOST_SWEEP_POSITIONS
+from .sweeps import SweepPlan as SweepPlan
 from .tolerances import Tolerance as Tolerance
 from .toml import read_toml as read_toml
 from .vehicle_types import Measured as Measured

@@ -16,6 +16,7 @@ from sensors.formats import StrictModel, entries
 from station.configuration.lengths import LengthTolerances
 from station.configuration.ride_heights import RideHeightOptions
 from station.configuration.steering import SteeringAxisTolerances, SteeringOptions
+from station.configuration.sweeps import SweepPlan
 from station.configuration.tolerances import Tolerance, check_width
 from station.configuration.toml import read_toml
 
@@ -146,6 +147,9 @@ class VehicleType(StrictModel):
     steering_axis: SteeringAxisTolerances = Field(
         default=SteeringAxisTolerances(),
         description="Caster, kingpin inclination and what belongs to them, in the mode sweep",
+    )
+    sweep: SweepPlan | None = Field(
+        default=None, description="How the steering is swept; without it there is no mode sweep"
     )
 
     @model_validator(mode="after")

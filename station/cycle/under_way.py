@@ -11,6 +11,7 @@ from db.records import ZeroRecord
 from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
 from station.cycle.series import SeriesPlan
+from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
 
 
@@ -47,6 +48,10 @@ class CycleUnderWay:
         What came of the wheels that are done, by name.
     plan
         The series that is taken of each wheel; None where single exposures are measured.
+    heard
+        What the line told of the vehicle before the exposures that count, and after them.
+    swept
+        What came of each steered wheel at the positions of a sweep; empty where there was none.
     interruption
         The abort or reset that ends it.
     trouble
@@ -68,6 +73,8 @@ class CycleUnderWay:
     zeros: tuple[ZeroRecord, ...] = ()
     results: dict[str, WheelResult] = field(default_factory=dict)
     plan: SeriesPlan | None = None
+    heard: list[ToldOfVehicle] = field(default_factory=list)
+    swept: Mapping[str, Sequence[WheelResult]] = field(default_factory=dict)
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE
     measured_s: float | None = None

@@ -31,6 +31,7 @@ from station.cycle import (
     ErrorCode,
     Guidance,
     LiveAngles,
+    Mode,
     Outcome,
     Reset,
     StationState,
@@ -103,7 +104,8 @@ class StationLine:
         self._bus = bus
         self._database = database
         self._clock = clock
-        self._options = options
+        # A controller of a line before 3.1 has no way to tell of a step.
+        self._modes = options.modes if database.has_steering else options.modes - {Mode.SWEEP}
         self._link = ProtectedLink(bus, database, clock)
         # One lock over state and sending: what a Status says is what held when it went out.
         self._lock = threading.RLock()
@@ -456,14 +458,14 @@ class StationLine:
             self._sent(self._results or self._blank)
         self._heartbeat = int(values["Heartbeat"])
         sequence = int(values["Sequence"])
-        code = known_code(values, self._options.modes)
+        code = known_code(values, self._modes)
         if code is None:
             why = ErrorCode.UNKNOWN_COMMAND
             self._said.refused(sequence, why, refusal_in_words(f"command {values['Code']},", sequence, why))
             self._send_status()
             return
         before = self._handshake.state, self._handshake.reply
-        now, modes = self._clock(), self._options.modes
+        now, modes = self._clock(), self._modes
         wheels = self._database.wheels
         asked = read_asked(code, sequence, values, wheels, self._vin, self._told, modes, now)
         command = self._handshake.asked(asked)
