@@ -84,8 +84,8 @@ class AngleRow:
         Of camber and toe that were corrected: as measured, and the standard uncertainty of that. What was
         added is `value_deg` less `raw_deg`.
     ride_height, ride_height_mm, design_height_mm
-        Of its wheel: ``corrected``, ``not_known`` or ``refused``, the height it stood at, and that at which
-        it is judged.
+        Of its wheel: ``corrected``, ``not_known``, ``missing`` or ``refused``, the height it stood at, and
+        that at which it is judged.
     straight_ahead
         Of front toe and the steering wheel: ``checked``, ``not_checked`` or ``refused``.
     """

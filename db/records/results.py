@@ -23,6 +23,8 @@ from db.records.geometry import GeometryRecord
 from db.records.plain import check_values
 from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord
 
+UNJUDGED_HEIGHTS = ("missing", "refused")
+
 
 class CycleOutcome(enum.StrEnum):
     """How a cycle ended: the vehicle is good or not, or the station failed, or the operator stopped it."""
@@ -329,7 +331,7 @@ class CycleRecord:
         if self.outcome is CycleOutcome.OK:
             unmeasured = [w.wheel for w in self.wheels if w.outcome is not WheelOutcome.MEASURED]
             unmeasured += [axis.wheel for axis in self.steering_axes if not axis.measured]
-            unmeasured += [wheel.wheel for wheel in self.wheels if wheel.ride_height == "refused"]
+            unmeasured += [wheel.wheel for wheel in self.wheels if wheel.ride_height in UNJUDGED_HEIGHTS]
             if self.steering is not None and self.steering.straight_ahead == "refused":
                 unmeasured.append("straight ahead")
             if unmeasured or Verdict.NOK in verdicts or Verdict.OK not in verdicts:

@@ -11,9 +11,10 @@ from db.records.plain import check_values
 StraightAheadWord = Literal["checked", "not_checked", "refused", "not_asked"]
 """Whether front toe is that of straight ahead. Not checked: no angle counted, and the vehicle type lets toe
 be judged as it stood; refused: toe was not judged; not asked: the vehicle type says nothing of it."""
-RideHeightWord = Literal["corrected", "not_known", "refused"]
+RideHeightWord = Literal["corrected", "not_known", "missing", "refused"]
 """What became of the ride height of a wheel: its angles are those at the design height; none was known, and
-the vehicle type lets it be judged as it stood; it was not judged."""
+the vehicle type lets it be judged as it stood; none was known, and it was not judged; it cannot be or was too
+far from the design height, and the wheel was not judged."""
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,7 @@ RAW_IS_COMPLETE = (
     "(camber_raw IS NULL OR outcome = 'measured')",
 )
 POSSIBLE_RIDE_HEIGHT = (
-    "ride_height IN ('corrected', 'not_known', 'refused')",
+    "ride_height IN ('corrected', 'not_known', 'missing', 'refused')",
     "ride_height_mm BETWEEN 0 AND 10000",
     "ride_height_u_mm BETWEEN 0 AND 1000",
     "design_height_mm BETWEEN 0 AND 10000",
@@ -278,7 +278,7 @@ wheel_results = Table(
     check("possible_raw_angles", angle("camber_raw"), angle("toe_raw")),
     check("possible_raw_uncertainties", uncertainty("camber_raw_u"), uncertainty("toe_raw_u")),
     check("possible_ride_height", *POSSIBLE_RIDE_HEIGHT),
-    check("refused_height_has_no_verdict", "ride_height <> 'refused' OR verdict = 'none'"),
+    check("refused_height_has_no_verdict", "ride_height NOT IN ('missing', 'refused') OR verdict = 'none'"),
     check("corrected_height_is_explained", CORRECTED_HEIGHT_IS_EXPLAINED),
     # Serves "which wheels rest on this calibration", asked when one turns out bad.
     Index(None, "calibration_id"),

@@ -40,7 +40,7 @@ class LiveLine(Protocol):
         ...
 
     def told(self) -> ToldOfVehicle:
-        """What the controller told of the vehicle."""
+        """What was told last of the vehicle's steering wheel and ride heights."""
         ...
 
 
@@ -235,8 +235,7 @@ class Adjusting:
             self._seen[result.wheel] = result.without_images()
         # Lengths and other wheels say nothing of whether this one is good.
         results = [*(self._seen | {result.wheel: result}).values()]
-        told = (self._line.told(),)
-        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame, told)
+        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame, [self._line.told()])
         judged = next(wheel for wheel in evaluation.wheels if wheel.result is result)
         state = _STATES.get(combined(judged.angles))
         if judged.values is None or state is None:

@@ -24,6 +24,8 @@ from station.cycle.geometry_answer import geometry_answer, told_state
 from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer, QuantityState
 from station.cycle.judging import Evaluation, JudgedWheel, axle_of
 from station.cycle.ride_height import HeightOutcome
+from station.cycle.steering_answer import steering_answer
+from station.cycle.steering_words import NO_STEERING, SteeringAnswer
 from station.cycle.straight_ahead import STEERED, StraightAheadState
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxisKind, AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
@@ -219,11 +221,12 @@ class Answers:
 def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     """Return what the line is told of a cycle, after its end or after a restart of the station.
 
-    Of a vehicle whose record was not committed, or that was aborted, the geometry is not told either.
+    Of a vehicle whose record was not committed, or that was aborted, geometry and steering are not told
+    either.
     """
-    geometry = geometry_answer(record)
+    geometry, steering = geometry_answer(record), steering_answer(record)
     if standing is not Standing.COMMITTED:
-        geometry = geometry.withdrawn()
+        geometry, steering = geometry.withdrawn(), steering.withdrawn()
     wheels = {wheel.wheel: wheel for wheel in record.wheels}
     axles = {axle.axle: axle for axle in record.axles}
     asked = [
@@ -235,9 +238,9 @@ def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     return Answers(
         tuple(_wheel_answer(wheel, standing) for wheel in record.wheels),
         tuple(_axle_answer(axle, axles.get(axle), standing) for axle in asked),
-        replace(_vehicle_answer(record.vehicle_angles, standing), geometry=geometry)
+        replace(_vehicle_answer(record.vehicle_angles, standing), geometry=geometry, steering=steering)
         if whole
-        else _part_of_a_vehicle(geometry),
+        else _part_of_a_vehicle(geometry, steering),
     )
 
 
@@ -307,9 +310,11 @@ def _vehicle_answer(angles: VehicleAnglesRecord | None, standing: Standing) -> V
     )
 
 
-def _part_of_a_vehicle(geometry: GeometryAnswer) -> VehicleAnswer | None:
-    """Wheels that are no whole vehicle still say what their toes refer to."""
-    return None if geometry == NO_GEOMETRY else VehicleAnswer(Outcome.NOT_REQUESTED, geometry=geometry)
+def _part_of_a_vehicle(geometry: GeometryAnswer, steering: SteeringAnswer) -> VehicleAnswer | None:
+    """Wheels that are no whole vehicle still say what their toes refer to, and how they were corrected."""
+    if (geometry, steering) == (NO_GEOMETRY, NO_STEERING):
+        return None
+    return VehicleAnswer(Outcome.NOT_REQUESTED, geometry=geometry, steering=steering)
 
 
 def _told(verdict: Verdict, standing: Standing, judged: bool = True) -> Outcome:

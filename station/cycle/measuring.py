@@ -22,15 +22,15 @@ from station.cycle.adjusting import Adjusting, RunOutBefore
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
 from station.cycle.failure import Failure, fault
-from station.cycle.frame import CommonFrame, frame_for
+from station.cycle.frame import CommonFrame
 from station.cycle.held import Closing, Held
-from station.cycle.judging import Evaluation, evaluate, lengths_missed
+from station.cycle.judging import Evaluation, lengths_missed
 from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.cycle.positions import WheelPosition, WheelResult, utc_now
-from station.cycle.record import cycle_record, run_out_notes
+from station.cycle.record import cycle_record, evaluated, run_out_notes
 from station.cycle.series import SeriesChoice
 from station.cycle.states import StateMachine
 from station.cycle.sweep import sweep_steering
@@ -305,9 +305,9 @@ class MeasuringCycle:
             armed = sweep_steering(threads, cycle, armed, self._line, self._clock, last_s, self._stopping)
         if armed and not self._poll(cycle):
             self._enter(StationState.MEASURING)
-            cycle.heard.append(self._line.told())
+            cycle.said.append(self._line.told())
             self._run_wheels(cycle, armed)
-            cycle.heard.append(self._line.told())
+            cycle.said.append(self._line.told())
 
     def _adjust(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> tuple[WheelPosition, ...]:
         """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle.
@@ -355,9 +355,7 @@ class MeasuringCycle:
 
     def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
         """Judge by the limits of the vehicle type, and make the record."""
-        assert cycle.kind is not None
-        frame = frame_for(cycle.trigger.mode, self._frame, cycle.kind, cycle.trigger.wheels)
-        evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor, frame, cycle.heard)
+        evaluation = evaluated(cycle, self._coverage_factor, self._frame)
         self._poll(cycle)
         record, cycle.trouble = cycle_record(self._identity, cycle, evaluation)
         if (why := lengths_missed(evaluation)) is not None:

@@ -78,7 +78,7 @@ class Line(Protocol):
         ...
 
     def told(self) -> ToldOfVehicle:
-        """What the controller told of the vehicle."""
+        """What was told last of the vehicle's steering wheel and ride heights."""
         ...
 
     def refuse(self, sequence: int, code: ErrorCode) -> None:

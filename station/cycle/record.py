@@ -8,13 +8,27 @@ from collections.abc import Iterator
 from alignment.errors import together
 from db.records import CycleOutcome, CycleRecord, Severity, VehicleRecord
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
+from station.cycle.frame import CommonFrame, frame_for
 from station.cycle.geometry import geometry_record
-from station.cycle.judging import Evaluation
+from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
 from station.cycle.steering import steering_record
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.verdict import Status, cycle_outcome
-from station.cycle.words import Abort, ErrorCode
+from station.cycle.words import Abort, ErrorCode, Mode
+
+
+def evaluated(cycle: CycleUnderWay, coverage_factor: float, frame: CommonFrame | None) -> Evaluation:
+    """Judge what came of a cycle by the limits of its vehicle type.
+
+    Masters are certified as they stand: neither straight ahead nor a design height is asked for.
+    """
+    assert cycle.kind is not None
+    mode, kind = cycle.trigger.mode, cycle.kind
+    if mode is Mode.MASTER_CHECK:
+        kind = kind.model_copy(update={"steering": None, "ride_height": None})
+    of_mode = frame_for(mode, frame, kind, cycle.trigger.wheels)
+    return evaluate(kind, cycle.wheels, coverage_factor, of_mode, cycle.said)
 
 
 def cycle_record(

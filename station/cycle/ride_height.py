@@ -18,13 +18,15 @@ class HeightOutcome(enum.StrEnum):
     """What became of the ride height of a wheel.
 
     NOT_ASKED: the vehicle type has no curve of it. CORRECTED: camber and toe are those at the design height.
-    NOT_KNOWN: none was told, and the vehicle type lets the wheel be judged as it stands. REFUSED: the wheel
-    is not judged.
+    NOT_KNOWN: none was told, and the vehicle type lets the wheel be judged as it stands. MISSING: none was
+    told, and the wheel is not judged. REFUSED: it cannot be, or lies too far from the design height, and the
+    wheel is not judged.
     """
 
     NOT_ASKED = "not_asked"
     CORRECTED = "corrected"
     NOT_KNOWN = "not_known"
+    MISSING = "missing"
     REFUSED = "refused"
 
 
@@ -57,7 +59,7 @@ class HeightUsed:
     @property
     def refused(self) -> bool:
         """Whether the wheel is not judged."""
-        return self.outcome is HeightOutcome.REFUSED
+        return self.outcome in (HeightOutcome.MISSING, HeightOutcome.REFUSED)
 
     def at_design(self, raw: WheelAngles) -> WheelAngles:
         """Return the angles of the wheel at the design height; as they are where it is not corrected."""
@@ -90,7 +92,7 @@ def ride_height(options: RideHeightOptions | None, wheel: str, told: RideHeights
     design_mm = described.design_mm
     height_mm = None if told is None else told.of(wheel, options.oldest_s)
     if height_mm is None:
-        outcome = HeightOutcome.REFUSED if options.require else HeightOutcome.NOT_KNOWN
+        outcome = HeightOutcome.MISSING if options.require else HeightOutcome.NOT_KNOWN
         return HeightUsed(
             outcome,
             f"{NOT_CORRECTED}: no ride height of this wheel was told, or too long ago",

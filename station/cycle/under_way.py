@@ -46,10 +46,10 @@ class CycleUnderWay:
         Zero measurements in force at its start.
     results
         What came of the wheels that are done, by name.
+    said
+        What the line told of steering wheel and ride heights, before the exposures and after them.
     plan
         The series that is taken of each wheel; None where single exposures are measured.
-    heard
-        What the line told of the vehicle before the exposures that count, and after them.
     swept
         What came of each steered wheel at the positions of a sweep; empty where there was none.
     interruption
@@ -72,8 +72,8 @@ class CycleUnderWay:
     uuid: UUID = field(default_factory=uuid4)
     zeros: tuple[ZeroRecord, ...] = ()
     results: dict[str, WheelResult] = field(default_factory=dict)
+    said: list[ToldOfVehicle] = field(default_factory=list)
     plan: SeriesPlan | None = None
-    heard: list[ToldOfVehicle] = field(default_factory=list)
     swept: Mapping[str, Sequence[WheelResult]] = field(default_factory=dict)
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE

@@ -25,7 +25,7 @@ from station.cycle.ports import Bounds, CycleReport, Identity, Observer
 from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
 from station.cycle.series import SeriesChoice
 from station.cycle.steering_words import SweepProgress
-from station.cycle.vehicle_words import ToldOfVehicle
+from station.cycle.vehicle_words import NOTHING_TOLD, ToldOfVehicle
 from station.cycle.words import (
     Acknowledge,
     Command,
@@ -127,7 +127,7 @@ class FakeLine:
         self.guided: list[tuple[Guidance, float]] = []
         self.swept: list[SweepProgress] = []
         self.on_sweep: Callable[[SweepProgress], None] = lambda progress: None
-        self.of_vehicle: Callable[[], ToldOfVehicle] = ToldOfVehicle
+        self.vehicle: Callable[[], ToldOfVehicle] = lambda: NOTHING_TOLD
 
     def next_command(self, timeout_s: float) -> Command | None:
         self.on_poll()
@@ -173,7 +173,7 @@ class FakeLine:
         self.on_sweep(progress)
 
     def told(self) -> ToldOfVehicle:
-        return self.of_vehicle()
+        return self.vehicle()
 
     def refuse(self, sequence: int, code: ErrorCode) -> None:
         self.refused.append((sequence, code))

@@ -32,7 +32,7 @@ _OF_WHEELS: tuple[tuple[str, str, dict[str, str]], ...] = (
     (
         "ride_height",
         "TEXT",
-        {"refused_height_has_no_verdict": "ride_height <> 'refused' OR verdict = 'none'"},
+        {"refused_height_has_no_verdict": "ride_height NOT IN ('missing', 'refused') OR verdict = 'none'"},
     ),
     ("ride_height_mm", "DOUBLE", {}),
     ("ride_height_u_mm", "DOUBLE", {}),
@@ -40,7 +40,7 @@ _OF_WHEELS: tuple[tuple[str, str, dict[str, str]], ...] = (
         "design_height_mm",
         "DOUBLE",
         {
-            "possible_ride_height": "ride_height IN ('corrected', 'not_known', 'refused') AND"
+            "possible_ride_height": "ride_height IN ('corrected', 'not_known', 'missing', 'refused') AND"
             " ride_height_mm BETWEEN 0 AND 10000 AND ride_height_u_mm BETWEEN 0 AND 1000 AND"
             " design_height_mm BETWEEN 0 AND 10000",
             "corrected_height_is_explained": "ride_height <> 'corrected' OR (ride_height_mm IS NOT NULL AND"

@@ -68,7 +68,7 @@ def test_a_height_that_is_not_known_is_what_the_vehicle_type_says(
     heights: RideHeights | None, required: bool
 ) -> None:
     found = ride_height(options(require=required), "front_left", heights)
-    assert found.outcome is (HeightOutcome.REFUSED if required else HeightOutcome.NOT_KNOWN)
+    assert found.outcome is (HeightOutcome.MISSING if required else HeightOutcome.NOT_KNOWN)
     assert found.refused is required
     assert found.reason == (
         "not brought to the design height: no ride height of this wheel was told, or too long ago"

@@ -43,7 +43,7 @@ class Driver:
 
     def __post_init__(self) -> None:
         self.bench.line.on_sweep = self.progress
-        self.bench.line.of_vehicle = self.of_vehicle
+        self.bench.line.vehicle = self.of_vehicle
 
     def of_vehicle(self) -> ToldOfVehicle:
         steering = self.told(self.angle)
