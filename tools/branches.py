@@ -21,6 +21,7 @@ DECIDING = TESTS | {
         "tests/station/cycle/test_judging.py",
         "tests/station/cycle/test_turning_wheels.py",
         "tests/station/cycle/test_vehicle_frame.py",
+        "tests/station/cycle/test_corrected.py",
     )
 }
 

@@ -1,4 +1,4 @@
-"""Mutation testing of the two modules that decide: `python tools/mutate.py`, or with a module's name.
+"""Mutation testing of the modules that decide: `python tools/mutate.py`, or with a module's name.
 
 Each mutant changes one thing in a module's code (a comparison, a constant, a branch, an enumeration's
 member, a statement) and runs the module's own tests on it in a process of its own. A mutant that no test
@@ -23,6 +23,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = {
     "station.cycle.verdict": ("tests/station/cycle/test_verdict.py",),
+    "station.cycle.straight_ahead": ("tests/station/cycle/test_straight_ahead.py",),
+    "station.cycle.ride_height": ("tests/station/cycle/test_ride_height.py",),
+    "station.cycle.corrections": ("tests/station/cycle/test_corrected.py",),
     "station.line.handshake": ("tests/station/line/test_handshake.py",),
 }
 # None of them may load a module that is mutated; what is loaded here each child has at once.
@@ -32,6 +35,7 @@ PRELOADED = (
     "pytest",
     "alignment.errors",
     "db.records.results",
+    "scipy.interpolate",
     "station.line.wire.messages",
     "station.line.wire.bus",
     "station.line.wire.dbc",

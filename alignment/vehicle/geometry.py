@@ -99,6 +99,13 @@ class VehicleGeometry:
         """Its standard uncertainty."""
         return math.sqrt(self._variance(name))
 
+    def u_of(self, weights: Mapping[str, float]) -> float:
+        """Standard uncertainty of a sum of quantities, each with a weight, in their unit."""
+        by_quantity = np.zeros(len(self.names))
+        for name, weight in weights.items():
+            by_quantity[self._place(name)] = weight
+        return math.sqrt(max(float(by_quantity @ self.covariance @ by_quantity), 0.0))
+
     def u95(self, name: str) -> float:
         """Its expanded uncertainty."""
         return self.coverage_factor * self.u(name)

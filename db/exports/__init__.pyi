@@ -14,6 +14,7 @@ from .drawing import signed as signed
 from .drawing import whole_numbers as whole_numbers
 from .fonts import picture_text as picture_text
 from .pdf import Document as Document
+from .rows import STEERED_WHEELS as STEERED_WHEELS
 from .rows import USUAL_K as USUAL_K
 from .rows import AngleRow as AngleRow
 from .rows import angle_rows as angle_rows

@@ -314,6 +314,13 @@ def _text(row: AngleRow, happened: Sequence[EventRecord]) -> str:
     parts.append(f"verdict={row.verdict}")
     if row.reason_code:
         parts.append(f"reason={row.reason_code}")
+    if row.straight_ahead in ("not_checked", "refused"):
+        parts.append("straight ahead not checked")
+    if row.raw_deg is not None:
+        parts.append(f"raw={row.raw_deg:.6f}")
+    if row.ride_height is not None:
+        height = "" if row.ride_height_mm is None else f" {row.ride_height_mm:g} mm"
+        parts.append(f"ride height{height} {row.ride_height.replace('_', ' ')}")
     if row.calibration_id:
         parts.append(f"calibration={row.calibration_id}")
     parts.append(f"cycle={row.cycle}")

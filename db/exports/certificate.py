@@ -11,6 +11,7 @@ from uuid import UUID
 from matplotlib.figure import Figure
 
 from alignment.errors import InputError
+from db.exports.corrected import CORRECTED_HEAD, corrected_rows, straight_ahead_words
 from db.exports.drawing import BAD, GOOD, MINUS, PAGE_WIDTH_IN, REFERENCE, SERIES, in_style, signed
 from db.exports.fonts import picture_text
 from db.exports.pdf import Document
@@ -52,6 +53,7 @@ def write_vehicle_certificate(
     record = stored.record
     rows = list(angle_rows(stored))
     kind = "" if record.vehicle is None else record.vehicle.vehicle_type
+    ahead = straight_ahead_words(record)
     document = Document(
         f"Wheel alignment {history.vin}", f"cycle {record.uuid}    made {_time(created)}", created
     )
@@ -59,6 +61,7 @@ def write_vehicle_certificate(
         [
             ("Vehicle", f"{history.vin}, {kind}"),
             ("Result", _OUTCOMES[record.outcome] + (f": {record.reason_text}" if record.reason_text else "")),
+            *([] if ahead is None else [("Straight ahead", ahead)]),
             ("Station", record.station),
             ("Triggered, stored", f"{_time(record.received_utc)}, {_time(stored.stored_utc)}"),
             ("Software, configuration", f"{record.software_version}, {record.config_hash}"),
@@ -164,6 +167,9 @@ def _explain(document: Document, history: VinHistory, stored: StoredCycle) -> No
             for wheel in record.wheels
         ],
     )
+    if corrected := corrected_rows(record):
+        document.heading("Angles as measured, and as judged at straight ahead and design height")
+        document.rows(CORRECTED_HEAD, corrected)
     used = {wheel.calibration_id for wheel in record.wheels}
     checks = [check for check in history.checks if check.calibration_id in used]
     if checks:

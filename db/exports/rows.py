@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -10,12 +10,13 @@ from typing import Any
 from db.records import (
     OF_AXLE,
     OF_GEOMETRY,
+    OF_STEERING,
+    OF_STEERING_AXIS,
     OF_VEHICLE,
     QUANTITIES,
     VEHICLE,
     AngleVerdict,
     CycleRecord,
-    GeometryRecord,
     LimitSide,
     Quantity,
     StoredCycle,
@@ -25,6 +26,7 @@ from db.records import (
     judge_angle,
 )
 
+STEERED_WHEELS = ("front_left", "front_right")
 USUAL_K = 2.0
 """Coverage factor of an expanded uncertainty where a record names none."""
 _REASONS: Mapping[AngleVerdict, tuple[str, str]] = {
@@ -78,6 +80,14 @@ class AngleRow:
         What toe and thrust angle refer to: ``vehicle`` or ``stand``; None where the record does not tell.
     end_points
         Of a length: between what it was measured.
+    raw_deg, raw_u_deg
+        Of camber and toe that were corrected: as measured, and the standard uncertainty of that. What was
+        added is `value_deg` less `raw_deg`.
+    ride_height, ride_height_mm, design_height_mm
+        Of its wheel: ``corrected``, ``not_known``, ``missing`` or ``refused``, the height it stood at, and
+        that at which it is judged.
+    straight_ahead
+        Of front toe and the steering wheel: ``checked``, ``not_checked`` or ``refused``.
     """
 
     cycle: str
@@ -122,6 +132,12 @@ class AngleRow:
     tyre_u_deg: float | None = None
     reference: str | None = None
     end_points: str | None = None
+    raw_deg: float | None = None
+    raw_u_deg: float | None = None
+    ride_height: str | None = None
+    ride_height_mm: float | None = None
+    design_height_mm: float | None = None
+    straight_ahead: str | None = None
 
     @property
     def value(self) -> float | None:
@@ -209,6 +225,9 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
             "degraded": wheel.degraded,
             "kind": None if wheel.kind is None else str(wheel.kind),
             "load_mm": wheel.load_mm,
+            "ride_height": wheel.ride_height,
+            "ride_height_mm": wheel.ride_height_mm,
+            "design_height_mm": wheel.design_height_mm,
         }
         for quantity in _asked_of(wheel):
             yield AngleRow(**(common | nothing | own | _angle(record, wheel, quantity)))
@@ -225,8 +244,26 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
     if geometry is not None:
         measured = geometry.end_points is not None
         own = {"part": VEHICLE, "outcome": str(WheelOutcome.MEASURED if measured else WheelOutcome.FAULT)}
-        for quantity in _asked_of_geometry(geometry):
+        for quantity in _asked_of_part(geometry, OF_GEOMETRY):
             yield AngleRow(**(common | nothing | own | _angle(record, geometry, quantity)))
+    for fields, part, quantity in _of_steering(record):
+        yield AngleRow(**(common | nothing | fields | _angle(record, part, quantity)))
+
+
+def _of_steering(record: CycleRecord) -> Iterator[tuple[dict[str, Any], Any, Quantity]]:
+    """Values of the steering wheel, then of the axes of a sweep: fields, record, quantity."""
+    steering = record.steering
+    if steering is not None:
+        own = {"part": VEHICLE, "straight_ahead": steering.straight_ahead}
+        for quantity in _asked_of_part(steering, OF_STEERING):
+            measured = getattr(steering, quantity) is not None
+            outcome = WheelOutcome.MEASURED if measured else WheelOutcome.FAULT
+            yield own | {"outcome": str(outcome)}, steering, quantity
+    for axis in record.steering_axes:
+        outcome = WheelOutcome.MEASURED if axis.measured else WheelOutcome.REFUSED
+        fields = {"part": axis.wheel, "outcome": str(outcome), "method": axis.method}
+        for quantity in _asked_of_part(axis, OF_STEERING_AXIS):
+            yield fields, axis, quantity
 
 
 def _asked_of(wheel: WheelRecord) -> Iterator[Quantity]:
@@ -236,11 +273,11 @@ def _asked_of(wheel: WheelRecord) -> Iterator[Quantity]:
         yield Quantity.RUN_OUT
 
 
-def _asked_of_geometry(geometry: GeometryRecord) -> Iterator[Quantity]:
-    """All of a vehicle that was measured; else what has limits."""
-    for quantity in OF_GEOMETRY:
+def _asked_of_part(part: Any, quantities: Sequence[Quantity]) -> Iterator[Quantity]:
+    """All of a part that was measured; else what has limits."""
+    for quantity in quantities:
         names = (quantity, f"{quantity}_low", f"{quantity}_high")
-        if any(getattr(geometry, name, None) is not None for name in names):
+        if any(getattr(part, name, None) is not None for name in names):
             yield quantity
 
 
@@ -270,9 +307,11 @@ def _angle(cycle: CycleRecord, part: Any, quantity: Quantity) -> dict[str, Any]:
         "verdict": str(verdict),
         "part_verdict": str(part.verdict),
     }
+    own = getattr(part, "reason_code", None), getattr(part, "reason_text", None)
     if verdict is AngleVerdict.NOT_MEASURED:
-        own = getattr(part, "reason_code", None), getattr(part, "reason_text", None)
         code, text = own[0] or cycle.reason_code, own[1] or cycle.reason_text
+    elif verdict is AngleVerdict.NOT_JUDGED and own[0] is not None:
+        code, text = own
     elif missed is not None:
         code, text = f"{quantity}_{missed}", _why_missed(found, missed, unit)
     else:
@@ -292,6 +331,11 @@ def _beside(cycle: CycleRecord, part: Any, quantity: Quantity) -> dict[str, Any]
     found: dict[str, Any] = {}
     if quantity in (Quantity.TOE, *OF_VEHICLE):
         found["reference"] = None if geometry is None else geometry.reference
+    if quantity in (Quantity.CAMBER, Quantity.TOE):
+        found["raw_deg"] = _in(Unit.DEGREES, getattr(part, f"{quantity}_raw"))
+        found["raw_u_deg"] = _in(Unit.DEGREES, getattr(part, f"{quantity}_raw_u"))
+    if quantity is Quantity.TOE and cycle.steering is not None and part.wheel in STEERED_WHEELS:
+        found["straight_ahead"] = cycle.steering.straight_ahead
     if quantity is Quantity.TOE:
         found["tyre_u_deg"] = _in(Unit.DEGREES, part.toe_tyre_u)
     elif quantity is Quantity.THRUST_ANGLE and geometry is not None and geometry.reference == "vehicle":

@@ -23,7 +23,7 @@ from db.queries.filters import (
     within,
 )
 from db.queries.reader import ResultReader, question
-from db.records import OF_WHEEL, CycleOutcome, Quantity, Verdict, WheelOutcome
+from db.records import OF_STEERING_AXIS, OF_WHEEL, CycleOutcome, Quantity, Verdict, WheelOutcome
 from db.schema import (
     counted_categories,
     cycles,
@@ -377,7 +377,7 @@ def _sums(
     """Sums by characteristic, limits and group, one or several of each."""
     plan = _plan(state, where, value_sums, by)
     quantities = sorted({c.quantity for c in characteristics}) or (
-        OF_WHEEL if where.wheels else tuple(Quantity)
+        (*OF_WHEEL, *OF_STEERING_AXIS) if where.wheels else tuple(Quantity)
     )
     parts = sorted({c.part for c in characteristics} or set(where.wheels))
     keys = ("part", "quantity", "low", "high")

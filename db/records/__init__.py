@@ -1,6 +1,15 @@
 """The values that go into a database and come out."""
 
 from db.records.angle_verdicts import AngleVerdict, LimitSide, Verdict, judge_angle, missed_limit
+from db.records.calibrations import (
+    CalibrationCheckRecord,
+    CalibrationRecord,
+    CheckKind,
+    CheckOutcome,
+    StoredZero,
+    ZeroRecord,
+    ZeroRevocation,
+)
 from db.records.cameras import HOUR_S, CameraFigure, CameraSerial
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
@@ -21,6 +30,8 @@ from db.records.quantities import (
     GEOMETRY_LIMITED,
     OF_AXLE,
     OF_GEOMETRY,
+    OF_STEERING,
+    OF_STEERING_AXIS,
     OF_VEHICLE,
     OF_WHEEL,
     QUANTITIES,
@@ -30,31 +41,27 @@ from db.records.quantities import (
 )
 from db.records.results import (
     AxleRecord,
-    CalibrationCheckRecord,
-    CalibrationRecord,
-    CheckKind,
-    CheckOutcome,
     CycleOutcome,
     CycleRecord,
     EventRecord,
     Severity,
     StoredCycle,
     StoredWheel,
-    StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
     WheelKind,
     WheelOutcome,
     WheelRecord,
-    ZeroRecord,
-    ZeroRevocation,
 )
+from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord, StraightAheadWord
 
 __all__ = [
     "GEOMETRY_LIMITED",
     "HOUR_S",
     "OF_AXLE",
     "OF_GEOMETRY",
+    "OF_STEERING",
+    "OF_STEERING_AXIS",
     "OF_VEHICLE",
     "OF_WHEEL",
     "QUANTITIES",
@@ -80,13 +87,17 @@ __all__ = [
     "Quantity",
     "Reference",
     "RetentionClass",
+    "RideHeightWord",
     "Severity",
     "StationRecord",
+    "SteeringAxisRecord",
+    "SteeringRecord",
     "StoredCycle",
     "StoredGaugeStudy",
     "StoredShot",
     "StoredWheel",
     "StoredZero",
+    "StraightAheadWord",
     "StudyKind",
     "Unit",
     "VehicleAnglesRecord",

@@ -18,7 +18,7 @@ VEHICLE = "vehicle"
 
 
 class Quantity(enum.StrEnum):
-    """The values that are stored: of a wheel, of an axle, of the vehicle, of its geometry."""
+    """The values that are stored: of a wheel, an axle, the vehicle, its geometry, its steering."""
 
     CAMBER = "camber"
     TOE = "toe"
@@ -43,6 +43,18 @@ class Quantity(enum.StrEnum):
     OFFSET_REAR = "offset_rear"
     PLACE_X = "place_x"
     PLACE_Y = "place_y"
+    STEERING_WHEEL = "steering_wheel"
+    STEERING_WHEEL_OFFSET = "steering_wheel_offset"
+    CASTER_DIFFERENCE = "caster_difference"
+    KPI_DIFFERENCE = "kpi_difference"
+    CASTER = "caster"
+    KPI = "kpi"
+    INCLUDED_ANGLE = "included_angle"
+    TOE_OUT = "toe_out"
+    TRAIL = "trail"
+    SCRUB = "scrub"
+    LOCK_LEFT = "lock_left"
+    LOCK_RIGHT = "lock_right"
 
 
 class Unit(enum.StrEnum):
@@ -72,7 +84,7 @@ class Unit(enum.StrEnum):
         return {Unit.DEGREES: math.degrees(1.0), Unit.MILLIMETRES: 1.0}[self]
 
 
-Level = Literal["wheel", "axle", "vehicle", "geometry"]
+Level = Literal["wheel", "axle", "vehicle", "geometry", "steering", "steering_axis"]
 """Which of the tables of results holds a quantity."""
 
 
@@ -124,6 +136,18 @@ QUANTITIES: Mapping[Quantity, Told] = MappingProxyType(
         Quantity.OFFSET_REAR: Told("Rear axle off the stand's middle", _MM, "geometry"),
         Quantity.PLACE_X: Told("Place along the stand", _MM, "geometry", False),
         Quantity.PLACE_Y: Told("Place across the stand", _MM, "geometry", False),
+        Quantity.STEERING_WHEEL: Told("Steering wheel as it stood", _DEG, "steering", False),
+        Quantity.STEERING_WHEEL_OFFSET: Told("Steering wheel offset", _DEG, "steering"),
+        Quantity.CASTER_DIFFERENCE: Told("Caster difference", _DEG, "steering"),
+        Quantity.KPI_DIFFERENCE: Told("Kingpin inclination difference", _DEG, "steering"),
+        Quantity.CASTER: Told("Caster", _DEG, "steering_axis"),
+        Quantity.KPI: Told("Kingpin inclination", _DEG, "steering_axis"),
+        Quantity.INCLUDED_ANGLE: Told("Included angle", _DEG, "steering_axis"),
+        Quantity.TOE_OUT: Told("Toe-out on turns", _DEG, "steering_axis"),
+        Quantity.TRAIL: Told("Caster trail", _MM, "steering_axis"),
+        Quantity.SCRUB: Told("Scrub radius", _MM, "steering_axis"),
+        Quantity.LOCK_LEFT: Told("Lock to the left", _DEG, "steering_axis", False),
+        Quantity.LOCK_RIGHT: Told("Lock to the right", _DEG, "steering_axis", False),
     }
 )
 """By quantity, in the order in which people read them."""
@@ -136,5 +160,6 @@ def of_level(level: Level) -> tuple[Quantity, ...]:
 
 OF_WHEEL, OF_AXLE = of_level("wheel"), of_level("axle")
 OF_VEHICLE, OF_GEOMETRY = of_level("vehicle"), of_level("geometry")
+OF_STEERING, OF_STEERING_AXIS = of_level("steering"), of_level("steering_axis")
 GEOMETRY_LIMITED = tuple(quantity for quantity in OF_GEOMETRY if QUANTITIES[quantity].limited)
 """Quantities of a vehicle's geometry that a vehicle type may have limits for."""

@@ -12,17 +12,18 @@ check what a database cannot see in one row: text, finite numbers, aware times, 
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
 from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
 from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
 from db.records.geometry import GeometryRecord
-from db.records.plain import as_read_back, check_values
+from db.records.plain import check_values
+from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord
+
+UNJUDGED_HEIGHTS = ("missing", "refused")
 
 
 class CycleOutcome(enum.StrEnum):
@@ -60,20 +61,6 @@ class Severity(enum.StrEnum):
     INFO = "info"
     WARNING = "warning"
     ERROR = "error"
-
-
-class CheckKind(enum.StrEnum):
-    """What a calibration was compared with."""
-
-    PLATE_SESSION = "plate_session"
-    MASTER_WHEEL = "master_wheel"
-
-
-class CheckOutcome(enum.StrEnum):
-    """Whether a calibration was found within its tolerance."""
-
-    WITHIN = "within"
-    OUT = "out"
 
 
 @dataclass(frozen=True)
@@ -145,6 +132,13 @@ class WheelRecord:
     toe_tyre_u
         What the spread of tyre widths makes of `toe_u`, radians; part of it. None where toe refers to the
         stand.
+    camber_raw, toe_raw, camber_raw_u, toe_raw_u
+        The angles as measured, where `camber` and `toe` are those of straight ahead or of the design height;
+        None where nothing was corrected.
+    ride_height
+        What became of its ride height; None where its vehicle type has no curve of it.
+    ride_height_mm, ride_height_u_mm, design_height_mm
+        As it was told, its standard uncertainty, and that at which the angles are judged.
     """
 
     wheel: str
@@ -184,6 +178,14 @@ class WheelRecord:
     run_out_phase: float | None = None
     run_out_phase_u: float | None = None
     toe_tyre_u: float | None = None
+    camber_raw: float | None = None
+    toe_raw: float | None = None
+    camber_raw_u: float | None = None
+    toe_raw_u: float | None = None
+    ride_height: RideHeightWord | None = None
+    ride_height_mm: float | None = None
+    ride_height_u_mm: float | None = None
+    design_height_mm: float | None = None
 
     def __post_init__(self) -> None:
         check_values(self)
@@ -265,12 +267,17 @@ class CycleRecord:
     geometry
         Lengths of the vehicle and how it stood; None where its rigs stand in no common frame, and in records
         of earlier programs.
+    steering
+        Its steering wheel, and straight ahead; None where its type says nothing of its steering.
+    steering_axes
+        Of a sweep; kept sorted by name.
 
     Raises
     ------
     InputError
-        When the outcome does not follow from the parts: `ok` needs every wheel measured, at least one verdict
-        `ok` and none `nok`; `nok` needs a verdict `nok`.
+        When the outcome does not follow from the parts: `ok` needs every wheel and axis measured, nothing
+        refused for straight ahead or a ride height, at least one verdict `ok` and none `nok`; `nok` needs a
+        verdict `nok`.
     """
 
     uuid: UUID
@@ -290,14 +297,19 @@ class CycleRecord:
     axles: tuple[AxleRecord, ...] = ()
     vehicle_angles: VehicleAnglesRecord | None = None
     geometry: GeometryRecord | None = None
+    steering: SteeringRecord | None = None
+    steering_axes: tuple[SteeringAxisRecord, ...] = ()
 
     def __post_init__(self) -> None:
         check_values(self)
+        by_wheel = tuple(sorted(self.steering_axes, key=lambda axis: axis.wheel))
+        object.__setattr__(self, "steering_axes", by_wheel)
         object.__setattr__(self, "wheels", tuple(sorted(self.wheels, key=lambda wheel: wheel.wheel)))
         object.__setattr__(self, "axles", tuple(sorted(self.axles, key=lambda axle: axle.axle)))
         for name, names in (
             ("wheels", [wheel.wheel for wheel in self.wheels]),
             ("axles", [axle.axle for axle in self.axles]),
+            ("steering_axes", [axis.wheel for axis in self.steering_axes]),
         ):
             if len(set(names)) != len(names):
                 raise InputError(
@@ -307,8 +319,10 @@ class CycleRecord:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdicts of wheels, axles, vehicle angles and geometry, and of run-outs beyond their limits."""
-        whole = [part.verdict for part in (self.vehicle_angles, self.geometry) if part is not None]
+        """Verdicts of wheels, axles, vehicle, geometry and steering, and of run-outs beyond their limits."""
+        single = (self.vehicle_angles, self.geometry, self.steering)
+        whole = [part.verdict for part in single if part is not None]
+        whole += [axis.verdict for axis in self.steering_axes]
         whole += [Verdict.NOK for wheel in self.wheels if wheel.run_out_verdict is AngleVerdict.NOK]
         return (*(wheel.verdict for wheel in self.wheels), *(axle.verdict for axle in self.axles), *whole)
 
@@ -316,6 +330,10 @@ class CycleRecord:
         verdicts = self.verdicts
         if self.outcome is CycleOutcome.OK:
             unmeasured = [w.wheel for w in self.wheels if w.outcome is not WheelOutcome.MEASURED]
+            unmeasured += [axis.wheel for axis in self.steering_axes if not axis.measured]
+            unmeasured += [wheel.wheel for wheel in self.wheels if wheel.ride_height in UNJUDGED_HEIGHTS]
+            if self.steering is not None and self.steering.straight_ahead == "refused":
+                unmeasured.append("straight ahead")
             if unmeasured or Verdict.NOK in verdicts or Verdict.OK not in verdicts:
                 raise InputError(
                     field="CycleRecord.outcome",
@@ -329,126 +347,6 @@ class CycleRecord:
                 expected="for 'nok' a verdict 'nok'",
                 seen=f"verdicts {', '.join(verdicts) or 'none at all'}",
             )
-
-
-@dataclass(frozen=True)
-class CalibrationRecord:
-    """A calibration of one rig: its identity, its validity, and the JSON document itself."""
-
-    id: str
-    rig: str
-    valid_from_utc: datetime
-    document: Mapping[str, Any]
-    valid_until_utc: datetime | None = None
-
-    def __post_init__(self) -> None:
-        check_values(self)
-        object.__setattr__(self, "document", as_read_back("CalibrationRecord.document", self.document))
-
-
-@dataclass(frozen=True)
-class CalibrationCheckRecord:
-    """What a plate session or a master wheel said of a calibration.
-
-    Attributes
-    ----------
-    utc
-        When the images were taken.
-    calibration_id
-        The calibration in force afterwards; recorded before the check is written.
-    kind, outcome, reason
-        What it was compared with, whether it was within tolerance, and the sentence that says so.
-    as_found
-        Figures of the calibration that was in force before, a JSON document; None for a rig's first one.
-    as_left
-        Figures of the calibration in force afterwards; None when nothing was changed.
-    predecessor_id
-        The calibration that this one replaced: `as_found` is its.
-    """
-
-    utc: datetime
-    calibration_id: str
-    kind: CheckKind
-    outcome: CheckOutcome
-    reason: str
-    as_found: Mapping[str, Any] | None = None
-    as_left: Mapping[str, Any] | None = None
-    predecessor_id: str | None = None
-    uuid: UUID = field(default_factory=uuid4)
-
-    def __post_init__(self) -> None:
-        check_values(self)
-        for name in ("as_found", "as_left"):
-            figures = getattr(self, name)
-            if figures is not None:
-                object.__setattr__(self, name, as_read_back(f"CalibrationCheckRecord.{name}", figures))
-
-
-@dataclass(frozen=True)
-class ZeroRecord:
-    """A zero measurement: a master wheel in front of one rig, as measured and as certified.
-
-    Attributes
-    ----------
-    id
-        Identity; wheel results that it corrected carry it.
-    rig, calibration_id
-        What measured it; it corrects only what rests on the same calibration, which is recorded before.
-    measured_utc
-        When the images were taken; of several zero measurements the newest one counts.
-    master
-        Name of the master wheel.
-    method, shots
-        How, and of what: ``spin_axis`` from several shots, ``tyre_plane/revolution`` from one.
-    camber, toe, certified_camber, certified_toe
-        Radians.
-    camber_u, toe_u, correlation
-        Standard uncertainties, radians (greater than zero), and correlation of measured less certified camber
-        and toe, without the calibration's share.
-    forced_reason
-        Why it was stored although larger than what the station believes; None when it was not.
-    """
-
-    id: str
-    rig: str
-    calibration_id: str
-    measured_utc: datetime
-    master: str
-    method: str
-    shots: int
-    camber: float
-    toe: float
-    certified_camber: float
-    certified_toe: float
-    camber_u: float
-    toe_u: float
-    correlation: float
-    software_version: str
-    forced_reason: str | None = None
-
-    def __post_init__(self) -> None:
-        check_values(self)
-
-
-@dataclass(frozen=True)
-class ZeroRevocation:
-    """The end of a zero measurement: it corrects nothing from then on, and stays stored."""
-
-    zero_id: str
-    utc: datetime
-    reason: str
-
-    def __post_init__(self) -> None:
-        check_values(self)
-
-
-@dataclass(frozen=True)
-class StoredZero:
-    """A zero measurement read back: with its revocation, if there is one, and when it was stored."""
-
-    record: ZeroRecord
-    revocation: ZeroRevocation | None
-    stored_utc: datetime
 
 
 @dataclass(frozen=True)

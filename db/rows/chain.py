@@ -28,6 +28,8 @@ from db.records import (
     AxleRecord,
     CycleRecord,
     GeometryRecord,
+    SteeringAxisRecord,
+    SteeringRecord,
     VehicleAnglesRecord,
     WheelRecord,
 )
@@ -46,11 +48,15 @@ PARTS: dict[str, type] = {
     "axle_results": AxleRecord,
     "vehicle_results": VehicleAnglesRecord,
     "geometry_results": GeometryRecord,
+    "steering_results": SteeringRecord,
+    "steering_axis_results": SteeringAxisRecord,
 }
-_PART_NAMES = {"wheel_results": "wheel", "axle_results": "axle"}
+_PART_NAMES = {"wheel_results": "wheel", "axle_results": "axle", "steering_axis_results": "wheel"}
 # Names of vehicles are in a table of their own.
 _VEHICLE = ("vin", "vehicle_type")
-_CYCLE_PARTS = frozenset(("vehicle", "wheels", "axles", "vehicle_angles", "geometry"))
+_CYCLE_PARTS = frozenset(
+    ("vehicle", "wheels", "axles", "vehicle_angles", "geometry", "steering", "steering_axes")
+)
 _EXACT = 2**53
 
 
@@ -97,8 +103,9 @@ def rows_text(digests: Mapping[str, str]) -> str:
 
 def parts_of(record: CycleRecord) -> tuple[Sequence[Any], ...]:
     """The records of a cycle that have rows of their own, in the order of `PARTS`."""
-    single = [() if part is None else (part,) for part in (record.vehicle_angles, record.geometry)]
-    return record.wheels, record.axles, *single
+    parts = (record.vehicle_angles, record.geometry, record.steering)
+    single = [() if part is None else (part,) for part in parts]
+    return record.wheels, record.axles, *single, record.steering_axes
 
 
 def record_rows(record: Any, stored_utc: datetime | None) -> str:

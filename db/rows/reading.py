@@ -24,6 +24,8 @@ from db.records import (
     GeometryRecord,
     InstallationRecord,
     StationRecord,
+    SteeringAxisRecord,
+    SteeringRecord,
     StoredCycle,
     StoredZero,
     VehicleAnglesRecord,
@@ -49,6 +51,8 @@ from db.schema import (
     rigs,
     station_versions,
     stations,
+    steering_axis_results,
+    steering_results,
     vehicle_results,
     vehicle_type_limits,
     vehicles,
@@ -65,7 +69,19 @@ _Record = TypeVar("_Record", bound="DataclassInstance")
 PORTION = 1000
 # Parts of records that have tables or columns of their own.
 _NESTED = frozenset(
-    ("vehicle", "wheels", "axles", "vehicle_angles", "geometry", "plant", "rigs", "study", "shot")
+    (
+        "vehicle",
+        "wheels",
+        "axles",
+        "vehicle_angles",
+        "geometry",
+        "steering",
+        "steering_axes",
+        "plant",
+        "rigs",
+        "study",
+        "shot",
+    )
 )
 # Read as joined columns; written as keys.
 _JOINED: dict[type, frozenset[str]] = {
@@ -169,6 +185,8 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     axles = _results(connection, axle_results, AxleRecord, ids)
     angles = _results(connection, vehicle_results, VehicleAnglesRecord, ids)
     geometry = _results(connection, geometry_results, GeometryRecord, ids)
+    steering = _results(connection, steering_results, SteeringRecord, ids)
+    axes = _results(connection, steering_axis_results, SteeringAxisRecord, ids)
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -180,6 +198,8 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             axles=tuple(axles[row["id"]]),
             vehicle_angles=next(iter(angles[row["id"]]), None),
             geometry=next(iter(geometry[row["id"]]), None),
+            steering=next(iter(steering[row["id"]]), None),
+            steering_axes=tuple(axes[row["id"]]),
         )
         found.append(StoredCycle(record, row["stored_utc"]))
     return tuple(found)

@@ -26,6 +26,7 @@ from db.schema.results import (
     zero_revocations,
 )
 from db.schema.shipping import arrivals, outbox, shipments, station_leases
+from db.schema.steering import steering_axis_results, steering_results
 from db.schema.sums import (
     counted_categories,
     result_counts,
@@ -82,6 +83,8 @@ __all__ = [
     "station_leases",
     "station_versions",
     "stations",
+    "steering_axis_results",
+    "steering_results",
     "summed_characteristics",
     "sums_state",
     "value_sums",

@@ -11,12 +11,24 @@ from sqlalchemy import Column, Table
 from db.records import QUANTITIES, Quantity
 from db.schema.geometry import geometry_results
 from db.schema.results import axle_results, vehicle_results, wheel_results
+from db.schema.steering import steering_axis_results, steering_results
 
 _TABLES: Mapping[str, Table] = MappingProxyType(
-    {"wheel": wheel_results, "axle": axle_results, "vehicle": vehicle_results, "geometry": geometry_results}
+    {
+        "wheel": wheel_results,
+        "axle": axle_results,
+        "vehicle": vehicle_results,
+        "geometry": geometry_results,
+        "steering": steering_results,
+        "steering_axis": steering_axis_results,
+    }
 )
 _PARTS: Mapping[Table, Column[Any]] = MappingProxyType(
-    {wheel_results: wheel_results.c.wheel, axle_results: axle_results.c.axle}
+    {
+        wheel_results: wheel_results.c.wheel,
+        axle_results: axle_results.c.axle,
+        steering_axis_results: steering_axis_results.c.wheel,
+    }
 )
 
 

@@ -169,6 +169,22 @@ cycles = Table(
     Index(None, "station", "id"),
 )
 
+RAW_IS_COMPLETE = (
+    "(toe_raw IS NULL) = (camber_raw IS NULL)",
+    "(camber_raw_u IS NULL) = (camber_raw IS NULL)",
+    "(toe_raw_u IS NULL) = (camber_raw IS NULL)",
+    "(camber_raw IS NULL OR outcome = 'measured')",
+)
+POSSIBLE_RIDE_HEIGHT = (
+    "ride_height IN ('corrected', 'not_known', 'missing', 'refused')",
+    "ride_height_mm BETWEEN 0 AND 10000",
+    "ride_height_u_mm BETWEEN 0 AND 1000",
+    "design_height_mm BETWEEN 0 AND 10000",
+)
+CORRECTED_HEIGHT_IS_EXPLAINED = (
+    "ride_height <> 'corrected' OR (ride_height_mm IS NOT NULL AND ride_height_u_mm IS NOT NULL"
+    " AND design_height_mm IS NOT NULL)"
+)
 wheel_results = Table(
     "wheel_results",
     metadata,
@@ -217,6 +233,16 @@ wheel_results = Table(
     Column("run_out_phase_u", Double),
     # The tyre widths' part of `toe_u`.
     Column("toe_tyre_u", Double),
+    # As measured, where the angles above are those of straight ahead or of the design height.
+    Column("camber_raw", Double),
+    Column("toe_raw", Double),
+    Column("camber_raw_u", Double),
+    Column("toe_raw_u", Double),
+    # What became of its ride height; empty where its vehicle type has no curve of it.
+    Column("ride_height", Text),
+    Column("ride_height_mm", Double),
+    Column("ride_height_u_mm", Double),
+    Column("design_height_mm", Double),
     check("wheel_not_empty", "wheel <> ''"),
     check(
         "measured_is_complete",
@@ -248,6 +274,12 @@ wheel_results = Table(
     check("run_out_is_explained", "run_out IS NULL OR run_out_u IS NOT NULL"),
     check("possible_phase", angle("run_out_phase"), "run_out_phase_u BETWEEN 0 AND 3.2"),
     check("possible_tyre_share", "toe_tyre_u BETWEEN 0 AND 3.2"),
+    check("raw_is_complete", *RAW_IS_COMPLETE),
+    check("possible_raw_angles", angle("camber_raw"), angle("toe_raw")),
+    check("possible_raw_uncertainties", uncertainty("camber_raw_u"), uncertainty("toe_raw_u")),
+    check("possible_ride_height", *POSSIBLE_RIDE_HEIGHT),
+    check("refused_height_has_no_verdict", "ride_height NOT IN ('missing', 'refused') OR verdict = 'none'"),
+    check("corrected_height_is_explained", CORRECTED_HEIGHT_IS_EXPLAINED),
     # Serves "which wheels rest on this calibration", asked when one turns out bad.
     Index(None, "calibration_id"),
     # By far the largest table. Cycles count up in time, so each partition is a stretch of time that an

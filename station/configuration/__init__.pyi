@@ -8,6 +8,9 @@ from .measure import MeasureOptions as MeasureOptions
 from .places import default_config as default_config
 from .places import own_config as own_config
 from .places import own_configuration as own_configuration
+from .ride_heights import LEAST_HEIGHT_MM as LEAST_HEIGHT_MM
+from .ride_heights import MOST_HEIGHT_MM as MOST_HEIGHT_MM
+from .ride_heights import RideHeightOptions as RideHeightOptions
 from .rigs import RigSettings as RigSettings
 from .settings import CameraOptions as CameraOptions
 from .settings import Configuration as Configuration
@@ -18,7 +21,11 @@ from .settings import StationConfig as StationConfig
 from .settings import read_configuration as read_configuration
 from .settings import station_model as station_model
 from .starter import write_starter as write_starter
+from .steering import SteeringAxisTolerances as SteeringAxisTolerances
+from .steering import SteeringOptions as SteeringOptions
+from .sweeps import MOST_SWEEP_POSITIONS as MOST_SWEEP_POSITIONS
+from .sweeps import SweepPlan as SweepPlan
+from .tolerances import Tolerance as Tolerance
 from .toml import read_toml as read_toml
 from .vehicle_types import Measured as Measured
-from .vehicle_types import Tolerance as Tolerance
 from .vehicle_types import VehicleType as VehicleType

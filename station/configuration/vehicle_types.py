@@ -14,10 +14,12 @@ from alignment.vehicle import TyreWidths
 from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES, most_turn
 from sensors.formats import StrictModel, entries
 from station.configuration.lengths import LengthTolerances
-from station.configuration.limits import Limits
+from station.configuration.ride_heights import RideHeightOptions
+from station.configuration.steering import SteeringAxisTolerances, SteeringOptions
+from station.configuration.sweeps import SweepPlan
+from station.configuration.tolerances import Tolerance, check_width
 from station.configuration.toml import read_toml
 
-LARGEST_DEG = 10.0
 WIDEST_DEG = {
     "camber": 3.0,
     "toe": 1.0,
@@ -28,7 +30,6 @@ WIDEST_DEG = {
 }
 """Largest believable accepted deviation to both sides of each angle, degrees; arcminutes lie above."""
 TyreWidth = Annotated[float, Field(ge=80, le=500)]
-_Degrees = Annotated[float, Field(ge=-LARGEST_DEG, le=LARGEST_DEG)]
 LEAST_TURN_DEG, MOST_TURN_DEG = 120.0, 10_710.0
 """Of a turn that a series must cover, degrees; less says too little of where its centre is."""
 Measured = Literal["tyre_plane", "spin_axis"]
@@ -41,44 +42,6 @@ Label = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f
 AxleName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 
 
-class Tolerance(StrictModel):
-    """Limits of one angle: nominal ± tolerance, or lower and upper."""
-
-    nominal_deg: _Degrees | None = Field(default=None, description="Nominal value, degrees")
-    tolerance_deg: float | None = Field(
-        default=None, gt=0, le=LARGEST_DEG, description="Accepted deviation to both sides, degrees"
-    )
-    lower_deg: _Degrees | None = Field(default=None, description="Lowest accepted value, degrees")
-    upper_deg: _Degrees | None = Field(default=None, description="Highest accepted value, degrees")
-
-    @model_validator(mode="after")
-    def _is_one_of_the_two(self) -> Tolerance:
-        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        if given not in (["nominal_deg", "tolerance_deg"], ["lower_deg", "upper_deg"]):
-            raise DegenerateInputError(
-                expected="either nominal_deg and tolerance_deg, or lower_deg and upper_deg",
-                seen=" and ".join(given) or "none of them",
-            )
-        if self.lower_deg is not None and self.upper_deg is not None and self.lower_deg >= self.upper_deg:
-            raise DegenerateInputError(
-                field="upper_deg",
-                expected=f"above lower_deg, {self.lower_deg}",
-                seen=str(self.upper_deg),
-                cure="It would fit with the two exchanged",
-            )
-        return self
-
-    def limits(self) -> Limits:
-        """Return the limits in radians."""
-        if self.nominal_deg is not None and self.tolerance_deg is not None:
-            low, high = self.nominal_deg - self.tolerance_deg, self.nominal_deg + self.tolerance_deg
-        else:
-            assert self.lower_deg is not None
-            assert self.upper_deg is not None
-            low, high = self.lower_deg, self.upper_deg
-        return Limits(math.radians(low), math.radians(high))
-
-
 def check_series(exposures: int, least_turn_deg: float) -> None:
     """Refuse a turn of which so many exposures cannot tell."""
     most = math.degrees(most_turn(exposures))
@@ -88,21 +51,6 @@ def check_series(exposures: int, least_turn_deg: float) -> None:
             expected=f"at most {most:.0f}, of which {exposures} exposures can tell",
             seen=f"{least_turn_deg:g}",
             cure="Take more exposures, or ask for less",
-        )
-
-
-def _check_width(name: str, tolerance: Tolerance | None) -> None:
-    """Refuse limits so wide that every vehicle would be accepted; they are in another unit."""
-    if tolerance is None:
-        return
-    limits = tolerance.limits()
-    half = 0.5 * math.degrees(limits.high - limits.low)
-    if half > WIDEST_DEG[name] * (1.0 + 1e-9):
-        raise DegenerateInputError(
-            field=name,
-            expected=f"limits at most ±{WIDEST_DEG[name]:g}° wide",
-            seen=f"±{half:g}°",
-            cure=f"It would fit with arcminutes taken for degrees: {half:g}′ are {half / 60.0:.4g}°",
         )
 
 
@@ -129,8 +77,8 @@ class AxleTolerances(StrictModel):
 
     @model_validator(mode="after")
     def _are_believable(self) -> AxleTolerances:
-        for name in WIDEST_DEG:
-            _check_width(name, getattr(self, name, None))
+        for name, widest_deg in WIDEST_DEG.items():
+            check_width(name, getattr(self, name, None), widest_deg)
         return self
 
 
@@ -190,12 +138,27 @@ class VehicleType(StrictModel):
     run_out_radius_mm: float = Field(
         default=300.0, ge=100, le=1000, description="Radius at which run-out is told, millimetres"
     )
+    steering: SteeringOptions | None = Field(
+        default=None, description="Steering wheel, and straight ahead; without it front toe is taken as it is"
+    )
+    ride_height: RideHeightOptions | None = Field(
+        default=None, description="Design heights and curves; without it camber and toe are taken as they are"
+    )
+    steering_axis: SteeringAxisTolerances = Field(
+        default=SteeringAxisTolerances(),
+        description="Caster, kingpin inclination and what belongs to them, in the mode sweep",
+    )
+    sweep: SweepPlan | None = Field(
+        default=None, description="How the steering is swept; without it there is no mode sweep"
+    )
 
     @model_validator(mode="after")
     def _angles_are_believable(self) -> VehicleType:
-        _check_width("thrust_angle", self.thrust_angle)
-        _check_width("yaw", self.yaw)
+        check_width("thrust_angle", self.thrust_angle, WIDEST_DEG["thrust_angle"])
+        check_width("yaw", self.yaw, WIDEST_DEG["yaw"])
         judged = [*self.lengths.stated, *([] if self.yaw is None else ["yaw"])]
+        if self.steering is not None and self.steering.offset is not None:
+            judged.append("steering.offset")
         if judged and self.thrust_angle is None:
             # Record and line have one verdict of the vehicle, which rests on the thrust angle's limits.
             raise DegenerateInputError(
@@ -203,6 +166,8 @@ class VehicleType(StrictModel):
                 expected=f"limits, because {', '.join(judged)} has some: they are one verdict of the vehicle",
                 seen="none",
             )
+        if self.ride_height is not None:
+            self.ride_height.check_parts(self.axles)
         return self
 
     def tyre_widths(self) -> TyreWidths:

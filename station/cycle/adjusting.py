@@ -16,6 +16,7 @@ from station.cycle.frame import CommonFrame
 from station.cycle.judging import evaluate
 from station.cycle.positions import WheelPosition, WheelResult
 from station.cycle.under_way import CycleUnderWay
+from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.verdict import Status, combined
 from station.cycle.wheel_runs import run_wheels
 from station.cycle.wheel_threads import WheelThreads
@@ -36,6 +37,10 @@ class LiveLine(Protocol):
 
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         """Show angles of a wheel."""
+        ...
+
+    def told(self) -> ToldOfVehicle:
+        """What was told last of the vehicle's steering wheel and ride heights."""
         ...
 
 
@@ -230,7 +235,7 @@ class Adjusting:
             self._seen[result.wheel] = result.without_images()
         # Lengths and other wheels say nothing of whether this one is good.
         results = [*(self._seen | {result.wheel: result}).values()]
-        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame)
+        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame, [self._line.told()])
         judged = next(wheel for wheel in evaluation.wheels if wheel.result is result)
         state = _STATES.get(combined(judged.angles))
         if judged.values is None or state is None:

@@ -23,6 +23,10 @@ from station.cycle.geometry import tyre_u
 from station.cycle.geometry_answer import geometry_answer, told_state
 from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer, QuantityState
 from station.cycle.judging import Evaluation, JudgedWheel, axle_of
+from station.cycle.ride_height import HeightOutcome
+from station.cycle.steering_answer import steering_answer
+from station.cycle.steering_words import NO_STEERING, SteeringAnswer
+from station.cycle.straight_ahead import STEERED, StraightAheadState
 from station.cycle.verdict import Angle, combined
 from station.cycle.words import AxisKind, AxleAnswer, Outcome, Quality, VehicleAnswer, WheelAnswer
 
@@ -83,6 +87,7 @@ def last_measured(evaluation: Evaluation) -> datetime | None:
 def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
     result, found, failure = wheel.result, wheel.result.measurement, wheel.result.failure
     values = wheel.values
+    refusal = _refusal(wheel, evaluation) if failure is None else None
     unseen = (None, None) if found is None or found.unseen is None else found.unseen
     return WheelRecord(
         wheel=result.wheel,
@@ -98,8 +103,8 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         method=None if found is None else found.method,
         calibration_id=result.calibration_id,
         zero_measurement_id=result.zero_id,
-        reason_code=None if failure is None else failure.reason_code,
-        reason_text=None if failure is None else failure.text,
+        reason_code=failure.reason_code if failure is not None else refusal and refusal[0],
+        reason_text=failure.text if failure is not None else refusal and refusal[1],
         camber_low=_low(wheel.camber),
         camber_high=_high(wheel.camber),
         toe_low=_low(wheel.toe),
@@ -120,10 +125,44 @@ def _wheel_record(wheel: JudgedWheel, evaluation: Evaluation) -> WheelRecord:
         load_mm=None if found is None or found.load_mm is None else float(found.load_mm),
         toe_tyre_u=_toe_tyre_u(wheel, evaluation),
         **_run_out(wheel),
+        **_uncorrected(wheel, evaluation),
     )
 
 
-def _run_out(wheel: JudgedWheel) -> dict[str, float | None]:
+def _refusal(wheel: JudgedWheel, evaluation: Evaluation) -> tuple[str, str] | None:
+    """Why a wheel that was measured is not judged: its ride height, or straight ahead; code and words."""
+    name, corrections = wheel.result.wheel, evaluation.corrections
+    height = corrections.height(name)
+    if height.refused and height.reason is not None:
+        return "ride_height", height.reason
+    if corrections.toe_refused(name) and corrections.straight.reason is not None:
+        return "straight_ahead", corrections.straight.reason
+    return None
+
+
+def _uncorrected(wheel: JudgedWheel, evaluation: Evaluation) -> dict[str, Any]:
+    """The ride height of a wheel, and its angles as measured where others were judged."""
+    name = wheel.result.wheel
+    height, raw = evaluation.corrections.height(name), wheel.raw
+    found: dict[str, Any] = {}
+    if height.outcome is not HeightOutcome.NOT_ASKED:
+        found |= {
+            "ride_height": height.outcome.value,
+            "ride_height_mm": height.height_mm,
+            "ride_height_u_mm": height.height_u_mm,
+            "design_height_mm": height.design_mm,
+        }
+    if raw is not None and evaluation.corrections.changes(name):
+        found |= {
+            "camber_raw": float(raw.camber),
+            "toe_raw": float(raw.toe),
+            "camber_raw_u": raw.camber_u,
+            "toe_raw_u": raw.toe_u,
+        }
+    return found
+
+
+def _run_out(wheel: JudgedWheel) -> dict[str, Any]:
     """The run-out of a wheel that was turned, millimetres, with its limit and where its high spot was."""
     found = wheel.run_out
     if found is None:
@@ -151,7 +190,13 @@ def _warning(wheel: JudgedWheel, evaluation: Evaluation) -> str | None:
     if found is None:
         return None
     said = [] if found.warning is None else [found.warning]
-    if evaluation.reference == "vehicle" and wheel.toe.value is None:
+    name, corrections = wheel.result.wheel, evaluation.corrections
+    if corrections.straight.state is StraightAheadState.NOT_CHECKED and name in STEERED:
+        said.append(f"{corrections.straight.reason}; toe is as the wheels stood")
+    if corrections.height(name).outcome is HeightOutcome.NOT_KNOWN:
+        said.append(f"{corrections.height(name).reason}; camber and toe are as the wheel stood")
+    known = evaluation.vehicle is not None and evaluation.vehicle.geometry is not None
+    if evaluation.reference == "vehicle" and wheel.toe.value is None and not known:
         said.append("its toe is against the stand's axis and not judged: the vehicle's own is not known")
     return "; ".join(said) or None
 
@@ -176,11 +221,12 @@ class Answers:
 def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     """Return what the line is told of a cycle, after its end or after a restart of the station.
 
-    Of a vehicle whose record was not committed, or that was aborted, the geometry is not told either.
+    Of a vehicle whose record was not committed, or that was aborted, geometry and steering are not told
+    either.
     """
-    geometry = geometry_answer(record)
+    geometry, steering = geometry_answer(record), steering_answer(record)
     if standing is not Standing.COMMITTED:
-        geometry = geometry.withdrawn()
+        geometry, steering = geometry.withdrawn(), steering.withdrawn()
     wheels = {wheel.wheel: wheel for wheel in record.wheels}
     axles = {axle.axle: axle for axle in record.axles}
     asked = [
@@ -192,9 +238,9 @@ def answers_of(record: CycleRecord, standing: Standing) -> Answers:
     return Answers(
         tuple(_wheel_answer(wheel, standing) for wheel in record.wheels),
         tuple(_axle_answer(axle, axles.get(axle), standing) for axle in asked),
-        replace(_vehicle_answer(record.vehicle_angles, standing), geometry=geometry)
+        replace(_vehicle_answer(record.vehicle_angles, standing), geometry=geometry, steering=steering)
         if whole
-        else _part_of_a_vehicle(geometry),
+        else _part_of_a_vehicle(geometry, steering),
     )
 
 
@@ -264,9 +310,11 @@ def _vehicle_answer(angles: VehicleAnglesRecord | None, standing: Standing) -> V
     )
 
 
-def _part_of_a_vehicle(geometry: GeometryAnswer) -> VehicleAnswer | None:
-    """Wheels that are no whole vehicle still say what their toes refer to."""
-    return None if geometry == NO_GEOMETRY else VehicleAnswer(Outcome.NOT_REQUESTED, geometry=geometry)
+def _part_of_a_vehicle(geometry: GeometryAnswer, steering: SteeringAnswer) -> VehicleAnswer | None:
+    """Wheels that are no whole vehicle still say what their toes refer to, and how they were corrected."""
+    if (geometry, steering) == (NO_GEOMETRY, NO_STEERING):
+        return None
+    return VehicleAnswer(Outcome.NOT_REQUESTED, geometry=geometry, steering=steering)
 
 
 def _told(verdict: Verdict, standing: Standing, judged: bool = True) -> Outcome:

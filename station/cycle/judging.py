@@ -20,9 +20,12 @@ from alignment.vehicle import (
 from alignment.wheel import run_out_mm
 from db.records import Reference
 from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
+from station.cycle.corrections import NO_CORRECTIONS, Corrections, corrections
 from station.cycle.failure import Failure
 from station.cycle.frame import CommonFrame, geometry_of, whole_vehicle
 from station.cycle.positions import WheelResult
+from station.cycle.straight_ahead import StraightAheadState, steering_wheel_offset
+from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.verdict import Angle, Status, missed_in_words
 
 
@@ -75,9 +78,13 @@ class JudgedWheel:
     ----------
     values
         Its angles and their uncertainties: toe against the vehicle's centreline where that is what toes refer
-        to and `toe` has a value, else against the stand's axis; None when it was not measured.
-    toe
-        Unset where it refers to a vehicle that was not wholly measured.
+        to and `toe` has a value, else against the stand's axis; None when it was not measured. They are those
+        of straight ahead and of the design height as far as `Evaluation.corrections` say.
+    camber, toe
+        Unset where its ride height forbids to judge it. Toe also where straight ahead is not known, and where
+        it refers to a vehicle that was not wholly measured.
+    raw
+        The same angles as measured, before any correction.
     """
 
     result: WheelResult
@@ -85,6 +92,7 @@ class JudgedWheel:
     camber: Angle
     toe: Angle
     run_out: JudgedRunOut | None = None
+    raw: WheelAngles | None = None
 
     @property
     def angles(self) -> tuple[Angle, ...]:
@@ -117,17 +125,25 @@ class JudgedVehicle:
         Everything that the axes of its wheels say; None also where the rigs stand in no common frame.
     lengths
         Those lengths, and the yaw, for which the vehicle type has limits; empty without a common frame.
+    steering_wheel_offset
+        How the steering wheel stands when the vehicle drives straight ahead; unset where straight ahead is to
+        be checked and is not known, None where nobody asked or the vehicle type does without.
+    steering_wheel_offset_u
+        Its standard uncertainty; None without a value.
     """
 
     values: VehicleAngles | None
     thrust_angle: Angle
     geometry: VehicleGeometry | None = None
     lengths: tuple[Angle, ...] = ()
+    steering_wheel_offset: Angle | None = None
+    steering_wheel_offset_u: float | None = None
 
     @property
     def angles(self) -> tuple[Angle, ...]:
-        """The thrust angle, and the lengths that are judged."""
-        return (self.thrust_angle, *self.lengths)
+        """The thrust angle, the lengths that are judged, and the steering wheel's offset."""
+        offset = () if self.steering_wheel_offset is None else (self.steering_wheel_offset,)
+        return (self.thrust_angle, *self.lengths, *offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +164,8 @@ class Evaluation:
         What individual toe and thrust angle refer to.
     problem
         Why the wheels make no vehicle, in words; None where they do, and where nobody asked.
+    corrections
+        What was done to the angles before they were judged, and what is not judged for that.
     """
 
     wheels: tuple[JudgedWheel, ...]
@@ -157,6 +175,7 @@ class Evaluation:
     coverage_factor: float
     reference: Reference = "stand"
     problem: str | None = None
+    corrections: Corrections = NO_CORRECTIONS
 
     @property
     def angles(self) -> Iterator[Angle]:
@@ -192,6 +211,7 @@ def evaluate(
     results: Sequence[WheelResult],
     coverage_factor: float,
     frame: CommonFrame | None = None,
+    told: Sequence[ToldOfVehicle] = (),
 ) -> Evaluation:
     """Judge the results of a cycle.
 
@@ -205,10 +225,14 @@ def evaluate(
         k of the expanded uncertainty.
     frame
         Common frame of the rigs, and what toes refer to; None where there is none: they refer to the stand.
+    told
+        What the line told of steering wheel and ride heights before the exposures and after them. Nothing
+        unless it is given: what a vehicle type requires of them is then not known.
     """
     by_name = {result.wheel: result for result in results}
     geometry, problem = geometry_of(frame, kind, by_name, coverage_factor)
-    judge = _Judge(kind, by_name, coverage_factor, frame, geometry)
+    corrected = corrections(kind, tuple(by_name), told)
+    judge = _Judge(kind, by_name, coverage_factor, corrected, frame, geometry)
     wheels = tuple(judge.wheel(result) for result in results)
     axles = tuple(
         judge.axle(axle)
@@ -224,7 +248,12 @@ def evaluate(
         coverage_factor,
         judge.reference,
         problem,
+        corrected,
     )
+
+
+REAR_WHEELS = tuple(wheel for wheel in FOUR_WHEELS if axle_of(wheel) == "rear")
+STEERING_WHEEL_OFFSET = "steering_wheel_offset"
 
 
 def missed_limits(evaluation: Evaluation) -> list[str]:
@@ -265,6 +294,7 @@ class _Judge:
     kind: VehicleType
     results: Mapping[str, WheelResult]
     k: float
+    corrections: Corrections
     frame: CommonFrame | None = None
     geometry: VehicleGeometry | None = None
 
@@ -281,15 +311,19 @@ class _Judge:
         tolerances = self.kind.axles[axle_of(result.wheel)]
         camber = self._declared(f"{result.wheel}.camber", tolerances.camber)
         toe = self._declared(f"{result.wheel}.toe", tolerances.toe)
-        values = self._angles(result.wheel)
-        if values is not None:
+        raw = self._raw(result.wheel)
+        if raw is None:
+            return JudgedWheel(result, None, camber, toe, self._run_out(result))
+        values = self.corrections.wheel(result.wheel, raw)
+        if not self.corrections.height_refused([result.wheel]):
             camber = self._set(camber, values.camber, values.camber_u, result.wheel)
+        if not self.corrections.toe_refused(result.wheel):
             if self.reference == "stand":
                 toe = self._set(toe, values.toe, values.toe_u, result.wheel)
             elif self.own is not None and result.wheel in FOUR_WHEELS:
                 # What the other wheels rest on is in the centreline.
                 toe = self._set(toe, values.toe, values.toe_u, *FOUR_WHEELS)
-        return JudgedWheel(result, values, camber, toe, self._run_out(result))
+        return JudgedWheel(result, values, camber, toe, self._run_out(result), raw)
 
     def _run_out(self, result: WheelResult) -> JudgedRunOut | None:
         spin = result.spin
@@ -308,34 +342,68 @@ class _Judge:
         total_toe = self._declared(f"{axle}.total_toe", tolerances.total_toe)
         difference = self._declared(f"{axle}.camber_difference", tolerances.camber_difference)
         names = tuple(f"{axle}_{side}" for side in SIDES)
-        left, right = map(self._angles, names)
+        left, right = map(self._raw, names)
         if left is None or right is None:
             return JudgedAxle(axle, None, total_toe, difference)
         known = self.own is not None and f"{axle}.total_toe" in self.own
-        values = self.own.axle(axle) if known and self.own is not None else axle_angles(left, right)
-        return JudgedAxle(
-            axle,
-            values,
-            self._set(total_toe, values.total_toe, values.total_toe_u, *names),
-            self._set(difference, values.camber_difference, values.camber_difference_u, *names),
-        )
+        raw = self.own.axle(axle) if known and self.own is not None else axle_angles(left, right)
+        values = self.corrections.axle(axle, raw)
+        if not self.corrections.height_refused(names):
+            total_toe = self._set(total_toe, values.total_toe, values.total_toe_u, *names)
+            difference = self._set(difference, values.camber_difference, values.camber_difference_u, *names)
+        return JudgedAxle(axle, values, total_toe, difference)
 
     def vehicle(self) -> JudgedVehicle:
         thrust = self._declared("thrust_angle", self.kind.thrust_angle)
         lengths = self._lengths()
-        values = self._vehicle_angles()
-        if values is None:
-            return JudgedVehicle(None, thrust, self.geometry, lengths)
-        thrust = self._set(thrust, values.thrust_angle, values.thrust_angle_u, *FOUR_WHEELS)
-        return JudgedVehicle(values, thrust, self.geometry, lengths)
+        raw = self._raw_vehicle()
+        if raw is None:
+            return JudgedVehicle(None, thrust, self.geometry, lengths, self._declared_offset())
+        values = self.corrections.vehicle(raw)
+        if not self.corrections.height_refused(REAR_WHEELS):
+            thrust = self._set(thrust, values.thrust_angle, values.thrust_angle_u, *FOUR_WHEELS)
+        return JudgedVehicle(values, thrust, self.geometry, lengths, *self._offset(raw, values))
 
-    def _vehicle_angles(self) -> VehicleAngles | None:
+    def _raw_vehicle(self) -> VehicleAngles | None:
         if self.reference == "vehicle":
             return None if self.own is None else self.own.angles
-        front_left, front_right, rear_left, rear_right = map(self._angles, FOUR_WHEELS)
+        front_left, front_right, rear_left, rear_right = map(self._raw, FOUR_WHEELS)
         if front_left is None or front_right is None or rear_left is None or rear_right is None:
             return None
         return vehicle_angles(front_left, front_right, rear_left, rear_right, self.kind.thrust_sign)
+
+    def _declared_offset(self) -> Angle | None:
+        steering = self.kind.steering
+        known = self.corrections.straight.state in (StraightAheadState.CHECKED, StraightAheadState.REFUSED)
+        return (
+            None if steering is None or not known else self._declared(STEERING_WHEEL_OFFSET, steering.offset)
+        )
+
+    def _offset(self, raw: VehicleAngles, values: VehicleAngles) -> tuple[Angle | None, float | None]:
+        """How the steering wheel stands when the vehicle drives straight ahead, and its uncertainty."""
+        declared, straight, steering = self._declared_offset(), self.corrections.straight, self.kind.steering
+        checked = straight.state is StraightAheadState.CHECKED
+        if (
+            declared is None
+            or steering is None
+            or not checked
+            or self.corrections.height_refused(FOUR_WHEELS)
+        ):
+            return declared, None
+        # As the wheels stand.
+        half_toe = 0.5 * (values.front_toe_left_to_thrust - values.front_toe_right_to_thrust) - straight.steer
+        half_toe_u = self.corrections.half_toe_u(self._half_toe_u(raw))
+        value, u = steering_wheel_offset(straight, steering, half_toe, half_toe_u)
+        return self._set(declared, value, u, *FOUR_WHEELS), u
+
+    def _half_toe_u(self, raw: VehicleAngles) -> float:
+        """Of half the difference of measured front toes against the thrust line."""
+        if self.own is not None:
+            left, right = (f"front_{side}.toe_to_thrust" for side in SIDES)
+            return self.own.u_of({left: 0.5, right: -0.5})
+        toes_u = [self.results[f"front_{side}"].measurement for side in SIDES]
+        parts = [0.5 * found.toe_u for found in toes_u if found is not None]
+        return math.hypot(*parts, raw.thrust_angle_u)
 
     def _lengths(self) -> tuple[Angle, ...]:
         """Judge lengths and yaw for which there are limits, of a vehicle that was asked for as a whole."""
@@ -359,7 +427,7 @@ class _Judge:
         valid = all(self.results[wheel].calibration_valid for wheel in wheels)
         return angle.measured(value, self.k * uncertainty, calibration_valid=valid)
 
-    def _angles(self, wheel: str) -> WheelAngles | None:
+    def _raw(self, wheel: str) -> WheelAngles | None:
         found = self.results[wheel].measurement
         if found is None:
             return None

@@ -17,21 +17,23 @@ from pathlib import Path
 from alignment.errors import InputError, LineError, StoreError, together
 from db.records import CycleRecord, Severity
 from station.configuration import VehicleType
+from station.cycle.accepting import why_declined
 from station.cycle.adjusting import Adjusting, RunOutBefore
 from station.cycle.answers import Standing, answers_of
 from station.cycle.coalesced import Coalesced
 from station.cycle.failure import Failure, fault
-from station.cycle.frame import CommonFrame, frame_for, tells_toe
+from station.cycle.frame import CommonFrame
 from station.cycle.held import Closing, Held
-from station.cycle.judging import Evaluation, axle_of, evaluate, lengths_missed
+from station.cycle.judging import Evaluation, lengths_missed
 from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
 from station.cycle.positions import WheelPosition, WheelResult, utc_now
-from station.cycle.record import cycle_record, run_out_notes
+from station.cycle.record import cycle_record, evaluated, run_out_notes
 from station.cycle.series import SeriesChoice
 from station.cycle.states import StateMachine
+from station.cycle.sweep import sweep_steering
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.wheel_runs import POLL_S, run_wheels
 from station.cycle.wheel_threads import WheelThreads
@@ -272,20 +274,9 @@ class MeasuringCycle:
         calls = {position.name: position.arm for position in positions}
         return self._wheel_threads.each(calls, self._bounds.measure_s)
 
-    def _refusal(self, trigger: Trigger | Prepare) -> ErrorCode | None:
-        """Why this trigger cannot be served, if it cannot."""
-        if self.state is not StationState.IDLE:
-            return ErrorCode.RESET_REQUIRED
-        if trigger.mode is Mode.CALIBRATE:
-            known = self._images is not None and set(trigger.wheels) <= set(self._positions)
-            return None if known else ErrorCode.MODE_NOT_AVAILABLE
-        kind = self._vehicle_types.get(trigger.vehicle_type)
-        if kind is None:
-            return ErrorCode.UNKNOWN_VEHICLE_TYPE
-        known = all(wheel in self._positions and axle_of(wheel) in kind.axles for wheel in trigger.wheels)
-        if known and tells_toe(frame_for(trigger.mode, self._frame, kind, trigger.wheels), trigger.wheels):
-            return None
-        return ErrorCode.WHEEL_NOT_AVAILABLE
+    def _refusal(self, asked: Trigger | Prepare) -> ErrorCode | None:
+        images, kinds = self._images is not None, self._vehicle_types
+        return why_declined(asked, self.state, self._positions, kinds, self._frame, images=images)
 
     def _measure(self, cycle: CycleUnderWay) -> None:
         """Arm, shoot and measure; whatever happens, `cycle.wheels` has a result of each position."""
@@ -308,9 +299,15 @@ class MeasuringCycle:
             for position in self._adjust(cycle, armed):
                 cycle.take({position.name: position.late(self._bounds.measure_s)})
                 armed.remove(position)
+        if cycle.trigger.mode is Mode.SWEEP and armed and not self._poll(cycle):
+            self._enter(StationState.SWEEPING)
+            last_s, threads = self._bounds.measure_s, self._wheel_threads
+            armed = sweep_steering(threads, cycle, armed, self._line, self._clock, last_s, self._stopping)
         if armed and not self._poll(cycle):
             self._enter(StationState.MEASURING)
+            cycle.said.append(self._line.told())
             self._run_wheels(cycle, armed)
+            cycle.said.append(self._line.told())
 
     def _adjust(self, cycle: CycleUnderWay, positions: Sequence[WheelPosition]) -> tuple[WheelPosition, ...]:
         """Show live angles until a stop; an abort, a reset or the end of patience interrupts the cycle.
@@ -358,9 +355,7 @@ class MeasuringCycle:
 
     def _judge(self, cycle: CycleUnderWay) -> tuple[Evaluation, CycleRecord]:
         """Judge by the limits of the vehicle type, and make the record."""
-        assert cycle.kind is not None
-        frame = frame_for(cycle.trigger.mode, self._frame, cycle.kind, cycle.trigger.wheels)
-        evaluation = evaluate(cycle.kind, cycle.wheels, self._coverage_factor, frame)
+        evaluation = evaluated(cycle, self._coverage_factor, self._frame)
         self._poll(cycle)
         record, cycle.trouble = cycle_record(self._identity, cycle, evaluation)
         if (why := lengths_missed(evaluation)) is not None:

@@ -15,8 +15,11 @@ from db.records import (
     StoredCycle,
     ZeroRecord,
 )
+from station.cycle.guidance_words import Guidance
 from station.cycle.judging import Evaluation
 from station.cycle.positions import WheelResult
+from station.cycle.steering_words import SweepProgress
+from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.words import (
     AxleAnswer,
     Command,
@@ -64,6 +67,18 @@ class Line(Protocol):
 
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         """Show angles of a wheel that is adjusted."""
+        ...
+
+    def publish_guidance(self, guidance: Guidance, measured_s: float) -> None:
+        """Show what to do at a wheel that is adjusted."""
+        ...
+
+    def publish_sweep(self, progress: SweepProgress) -> None:
+        """Show how a sweep goes."""
+        ...
+
+    def told(self) -> ToldOfVehicle:
+        """What was told last of the vehicle's steering wheel and ride heights."""
         ...
 
     def refuse(self, sequence: int, code: ErrorCode) -> None:

@@ -8,12 +8,27 @@ from collections.abc import Iterator
 from alignment.errors import together
 from db.records import CycleOutcome, CycleRecord, Severity, VehicleRecord
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
+from station.cycle.frame import CommonFrame, frame_for
 from station.cycle.geometry import geometry_record
-from station.cycle.judging import Evaluation
+from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
+from station.cycle.steering import steering_record
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.verdict import Status, cycle_outcome
-from station.cycle.words import Abort, ErrorCode
+from station.cycle.words import Abort, ErrorCode, Mode
+
+
+def evaluated(cycle: CycleUnderWay, coverage_factor: float, frame: CommonFrame | None) -> Evaluation:
+    """Judge what came of a cycle by the limits of its vehicle type.
+
+    Masters are certified as they stand: neither straight ahead nor a design height is asked for.
+    """
+    assert cycle.kind is not None
+    mode, kind = cycle.trigger.mode, cycle.kind
+    if mode is Mode.MASTER_CHECK:
+        kind = kind.model_copy(update={"steering": None, "ride_height": None})
+    of_mode = frame_for(mode, frame, kind, cycle.trigger.wheels)
+    return evaluate(kind, cycle.wheels, coverage_factor, of_mode, cycle.said)
 
 
 def cycle_record(
@@ -42,8 +57,8 @@ def cycle_record(
         wheel = next(w.result.wheel for w in evaluation.wheels if w.result.failure is failures[0])
         trouble = Trouble(failures[0].error_code, wheel)
     elif outcome is CycleOutcome.FAULT:
-        trouble = Trouble(ErrorCode.CALIBRATION_FAULT)
-        code, text = str(trouble.code), evaluation.problem or "an angle has no valid calibration behind it"
+        trouble = Trouble(_why_unjudged(evaluation))
+        code, text = str(trouble.code), _unjudged_in_words(evaluation)
     if outcome is CycleOutcome.ABORTED:
         code, text = "aborted", f"the line sent {cycle.interruption}"
         if isinstance(cycle.interruption, Abort) and cycle.interruption.reason is not ErrorCode.NONE:
@@ -68,8 +83,25 @@ def cycle_record(
         axles=axle_records(evaluation),
         vehicle_angles=vehicle_record(evaluation),
         geometry=geometry_record(evaluation),
+        steering=steering_record(evaluation),
     )
     return record, trouble
+
+
+def _why_unjudged(evaluation: Evaluation) -> ErrorCode:
+    """Why measured wheels have no verdict."""
+    if evaluation.problem is None and evaluation.corrections.straight.refused:
+        return ErrorCode.STEERING_FAULT
+    if evaluation.problem is None and evaluation.corrections.refusals:
+        return ErrorCode.MEASUREMENT_REFUSED
+    return ErrorCode.CALIBRATION_FAULT
+
+
+def _unjudged_in_words(evaluation: Evaluation) -> str:
+    said = [] if evaluation.problem is None else [evaluation.problem]
+    return (
+        "; ".join([*said, *evaluation.corrections.refusals]) or "an angle has no valid calibration behind it"
+    )
 
 
 def run_out_notes(evaluation: Evaluation) -> Iterator[tuple[Severity, float, str]]:

@@ -15,10 +15,18 @@ TRANSITIONS: dict[StationState, frozenset[StationState]] = {
     StationState.IDLE: frozenset({StationState.ARMED, StationState.FAULT}),
     # Cameras took their settings; an abort or a camera that fails goes on to the record of it.
     StationState.ARMED: frozenset(
-        {StationState.ADJUSTING, StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}
+        {
+            StationState.ADJUSTING,
+            StationState.SWEEPING,
+            StationState.MEASURING,
+            StationState.EVALUATING,
+            StationState.FAULT,
+        }
     ),
     # Live angles go out until the operator is done; then everything is measured once more.
     StationState.ADJUSTING: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),
+    # The steering is turned from position to position; straight ahead everything is measured once more.
+    StationState.SWEEPING: frozenset({StationState.MEASURING, StationState.EVALUATING, StationState.FAULT}),
     StationState.MEASURING: frozenset({StationState.EVALUATING, StationState.FAULT}),
     StationState.EVALUATING: frozenset({StationState.STORING, StationState.FAULT}),
     # The line is told only after the commit, or after the commit has failed.

@@ -11,6 +11,7 @@ from db.records import ZeroRecord
 from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
 from station.cycle.series import SeriesPlan
+from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
 
 
@@ -45,8 +46,12 @@ class CycleUnderWay:
         Zero measurements in force at its start.
     results
         What came of the wheels that are done, by name.
+    said
+        What the line told of steering wheel and ride heights, before the exposures and after them.
     plan
         The series that is taken of each wheel; None where single exposures are measured.
+    swept
+        What came of each steered wheel at the positions of a sweep; empty where there was none.
     interruption
         The abort or reset that ends it.
     trouble
@@ -67,7 +72,9 @@ class CycleUnderWay:
     uuid: UUID = field(default_factory=uuid4)
     zeros: tuple[ZeroRecord, ...] = ()
     results: dict[str, WheelResult] = field(default_factory=dict)
+    said: list[ToldOfVehicle] = field(default_factory=list)
     plan: SeriesPlan | None = None
+    swept: Mapping[str, Sequence[WheelResult]] = field(default_factory=dict)
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE
     measured_s: float | None = None

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
 from station.cycle.geometry_words import NO_GEOMETRY, GeometryAnswer, QuantityState
+from station.cycle.steering_words import NO_STEERING, SteeringAnswer, Step
 
 
 class Outcome(enum.StrEnum):
@@ -36,7 +37,8 @@ class Outcome(enum.StrEnum):
 class StationState(enum.StrEnum):
     """Where the measuring cycle stands; the words of the DBC's value table.
 
-    STARTING: the program compiles and loads what a measurement needs; there is no cycle yet.
+    STARTING: the program compiles and loads what a measurement needs; there is no cycle yet. SWEEPING: the
+    steering is turned from position to position, and images are taken at each.
     """
 
     IDLE = "idle"
@@ -48,15 +50,17 @@ class StationState(enum.StrEnum):
     FAULT = "fault"
     ADJUSTING = "adjusting"
     STARTING = "starting"
+    SWEEPING = "sweeping"
 
 
 class Mode(enum.StrEnum):
     """What a start does; the words of the DBC's value table.
 
     AUTOMATIC: measure, judge, store, report. ADJUST: live angles until a stop, then as automatic.
-    MASTER_CHECK: as automatic, of a master wheel, stored as a check of the calibration too. CALIBRATE: images
-    are recorded and nothing is judged. SWEEP, GUIDANCE, STEERING, LOCATE: names that are taken; no station
-    serves them yet.
+    MASTER_CHECK: as automatic, of a master wheel, stored as a check of the calibration too. CALIBRATE:
+    images are recorded and nothing is judged. SWEEP: the steering is turned through positions, for its axes;
+    the last one is straight ahead, where all is measured as automatic. GUIDANCE, STEERING, LOCATE: names
+    that are taken; no station serves them yet, and guidance comes with ADJUST.
     """
 
     AUTOMATIC = "automatic"
@@ -69,7 +73,7 @@ class Mode(enum.StrEnum):
     LOCATE = "locate"
 
 
-RESERVED_MODES = frozenset({Mode.SWEEP, Mode.GUIDANCE, Mode.STEERING, Mode.LOCATE})
+RESERVED_MODES = frozenset({Mode.GUIDANCE, Mode.STEERING, Mode.LOCATE})
 SERVED_MODES = frozenset(Mode) - RESERVED_MODES
 """What a start can do."""
 
@@ -135,6 +139,7 @@ class ErrorCode(enum.StrEnum):
     MODE_NOT_AVAILABLE = "mode_not_available"
     WRONG_INTERFACE = "wrong_interface"
     NOTHING_TO_STEP = "nothing_to_step"
+    STEP_INCOMPLETE = "step_incomplete"
 
     CAMERA_FAULT = "camera_fault"
     CALIBRATION_FAULT = "calibration_fault"
@@ -153,15 +158,7 @@ class ErrorCode(enum.StrEnum):
     LOCATE_FAULT = "locate_fault"
 
 
-RESERVED_CODES = frozenset(
-    {
-        ErrorCode.NOTHING_TO_STEP,
-        ErrorCode.SWEEP_FAULT,
-        ErrorCode.GUIDANCE_FAULT,
-        ErrorCode.STEERING_FAULT,
-        ErrorCode.LOCATE_FAULT,
-    }
-)
+RESERVED_CODES = frozenset({ErrorCode.GUIDANCE_FAULT, ErrorCode.LOCATE_FAULT})
 """Codes of the `RESERVED_MODES`, which nothing sends yet."""
 
 
@@ -256,7 +253,7 @@ class Acknowledge:
         return f"acknowledge {self.sequence}"
 
 
-Command = Trigger | Prepare | Stop | Abort | Reset | Acknowledge
+Command = Trigger | Prepare | Stop | Abort | Reset | Acknowledge | Step
 
 
 def _require_complete(what: str, outcome: Outcome, values: dict[str, float | None]) -> None:
@@ -385,13 +382,14 @@ class AxleAnswer:
 
 @dataclass(frozen=True)
 class VehicleAnswer:
-    """Outcome of the thrust angle; complete or empty like `WheelAnswer`. Beside it the vehicle's geometry."""
+    """Outcome of the thrust angle; complete or empty like `WheelAnswer`. Beside it geometry and steering."""
 
     outcome: Outcome
     thrust_angle_deg: float | None = None
     thrust_angle_u95_deg: float | None = None
     thrust_sign: ThrustSign = "left_positive"
     geometry: GeometryAnswer = NO_GEOMETRY
+    steering: SteeringAnswer = NO_STEERING
 
     def __post_init__(self) -> None:
         values = {
@@ -414,13 +412,18 @@ def overall_outcome(outcomes: Iterable[Outcome]) -> Outcome:
     return Outcome.NOT_REQUESTED
 
 
+_OF_STEERING = {QuantityState.NOK: Outcome.NOK, QuantityState.NOT_MEASURED: Outcome.FAULT}
+
+
 def vehicle_outcome(
     wheels: Iterable[WheelAnswer], axles: Iterable[AxleAnswer], vehicle: VehicleAnswer | None
 ) -> Outcome:
-    """Verdict of the whole vehicle: of all its parts, and of every run-out that has a limit."""
+    """Verdict of the whole vehicle: of its parts, its steering, and every run-out that has a limit."""
     wheels = tuple(wheels)
     parts = [wheel.outcome for wheel in wheels] + [axle.outcome for axle in axles]
-    parts += [] if vehicle is None else [vehicle.outcome]
+    if vehicle is not None:
+        states = [*(axis.state for axis in vehicle.steering.axes), vehicle.steering.wheel.state]
+        parts += [vehicle.outcome, *(_OF_STEERING[state] for state in states if state in _OF_STEERING)]
     parts += [Outcome.NOK for wheel in wheels if wheel.run_out_state is QuantityState.NOK]
     return overall_outcome(parts)
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection, Mapping
 
 from station.cycle import ErrorCode, Mode, Trigger
 from station.line.handshake import Asked
+from station.line.told import ToldByController
 from station.line.wire import (
     INTERFACE_MAJOR,
     MEANINGS,
-    RESERVED_COMMANDS,
     UNSTATED_MAJOR,
     CommandCode,
     Value,
@@ -28,12 +29,24 @@ def interface_of(values: Mapping[str, Value]) -> int:
     return int(values["InterfaceMajor"]) or UNSTATED_MAJOR
 
 
-def known_code(values: Mapping[str, Value]) -> CommandCode | None:
-    """The command, where a station takes such a one."""
+def known_code(values: Mapping[str, Value], modes: Collection[str]) -> CommandCode | None:
+    """The command, where a station with these modes takes such a one."""
     word = str(values["Code"])
-    if word not in set(CommandCode) or word in RESERVED_COMMANDS:
+    if word not in set(CommandCode) or (word == CommandCode.STEP and Mode.SWEEP not in modes):
         return None
     return CommandCode(word)
+
+
+def heard_in_words(interface: int) -> tuple[int, str, str]:
+    """Level, kind and text of the log for a controller that is heard, of this interface."""
+    if interface == INTERFACE_MAJOR:
+        return logging.INFO, "heard", "controller is heard"
+    return (
+        logging.WARNING,
+        "heard",
+        f"controller is heard, of interface {interface}: its commands are refused, as this station speaks "
+        f"interface {INTERFACE_MAJOR}",
+    )
 
 
 def read_asked(
@@ -42,6 +55,7 @@ def read_asked(
     values: Mapping[str, Value],
     endings: Mapping[str, str],
     vins: VinAssembly,
+    told: ToldByController,
     modes: Collection[str],
     now: float,
 ) -> Asked:
@@ -57,6 +71,8 @@ def read_asked(
         Wheels of the line, and how each one's signals end.
     vins
         The VIN that is assembled from its messages.
+    told
+        What else the controller told, such as the position of a step.
     modes
         Modes of a start that this station has.
     now
@@ -66,6 +82,11 @@ def read_asked(
     trouble, vin, mode = ErrorCode.NONE, "", Mode.AUTOMATIC
     if interface_of(values) != INTERFACE_MAJOR:
         return Asked(code, sequence, received_s=now, trouble=ErrorCode.WRONG_INTERFACE)
+    if code is CommandCode.STEP:
+        step = told.step(sequence)
+        if step is None:
+            return Asked(code, sequence, received_s=now, trouble=ErrorCode.STEP_INCOMPLETE)
+        return Asked(code, sequence, received_s=now, position=step.position, angle_deg=step.angle_deg)
     if code in (CommandCode.START, CommandCode.PREPARE):
         known = values["Mode"] in modes
         mode = Mode(str(values["Mode"])) if known else Mode.AUTOMATIC

@@ -21,6 +21,7 @@ from station.cycle import (
     Mode,
     Prepare,
     Reset,
+    Step,
     Stop,
     Trigger,
 )
@@ -28,7 +29,10 @@ from station.line.wire import Answer, CommandCode, HandshakeState
 
 
 class Request(enum.StrEnum):
-    """A command as the table sees it: "same" is the number of the start in hand, or else of the last one."""
+    """A command as the table sees it: "same" is the number of the start in hand, or else of the last one.
+
+    A step has that number too, and its position is the next one, one that was taken before, or neither.
+    """
 
     PREPARE = "prepare"
     START_NEW = "start, new number"
@@ -40,6 +44,9 @@ class Request(enum.StrEnum):
     ACKNOWLEDGE_SAME = "acknowledge, same number"
     ACKNOWLEDGE_OTHER = "acknowledge, other number"
     RESET = "reset"
+    STEP_NEXT = "step, next position"
+    STEP_TAKEN = "step, position taken before"
+    STEP_OTHER = "step, other number or position"
 
 
 class Event(enum.StrEnum):
@@ -52,6 +59,8 @@ class Event(enum.StrEnum):
     RESULTS_RESTORED = "held results found after a restart"
     PREPARE_EXPIRED = "prepare too old"
     LINK_LOST = "communication lost"
+    POSITION_WANTED = "a position of the sweep is wanted"
+    SWEEP_OVER = "sweep is over"
 
 
 @dataclass(frozen=True)
@@ -89,9 +98,11 @@ _HARMLESS = Rule()
 _WRONG = _no(E.WRONG_SEQUENCE)
 _NO_STOP = _no(E.NOTHING_TO_STOP)
 _NO_RESULTS = _no(E.NOTHING_TO_ACKNOWLEDGE)
+_NO_STEP = _no(E.NOTHING_TO_STEP)
 _BUSY = _no(E.BUSY)
 _RESET = _to(S.RESETTING)
 _STARTING, _RESETTING = _no(E.STARTING), _no(E.RESETTING)
+_STEPPED = (_NO_STEP, _HARMLESS, _WRONG)
 
 
 def _row(
@@ -101,9 +112,13 @@ def _row(
     abort: tuple[Rule, Rule],
     acknowledge: tuple[Rule, Rule],
     reset: Rule = _RESET,
+    step: tuple[Rule, Rule, Rule] = (_NO_STEP, _NO_STEP, _WRONG),
 ) -> dict[Request, Rule]:
-    """Rules of a state: of a start with new and same number; of the others with same and other number."""
-    rules = (prepare, *start, *stop, *abort, *acknowledge, reset)
+    """Rules of a state: of a start with new and same number; of the others with same and other number.
+
+    Of a step to the next position, to one that was taken before, and to any other.
+    """
+    rules = (prepare, *start, *stop, *abort, *acknowledge, reset, *step)
     return dict(zip(Request, rules, strict=True))
 
 
@@ -115,6 +130,7 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         abort=(_STARTING, _STARTING),
         acknowledge=(_STARTING, _STARTING),
         reset=_no(E.STARTING, again=True),
+        step=(_STARTING, _STARTING, _STARTING),
     ),
     S.READY: _row(
         prepare=_to(S.PREPARED),
@@ -136,6 +152,7 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         stop=(_NO_STOP, _WRONG),
         abort=(_to(S.ENDING), _WRONG),
         acknowledge=(_NO_RESULTS, _WRONG),
+        step=_STEPPED,
     ),
     S.ADJUSTING: _row(
         prepare=_BUSY,
@@ -144,12 +161,30 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         abort=(_to(S.ENDING), _WRONG),
         acknowledge=(_NO_RESULTS, _WRONG),
     ),
+    S.SWEEPING: _row(
+        prepare=_BUSY,
+        start=(_BUSY, _HARMLESS),
+        stop=(_to(S.BUSY), _WRONG),
+        abort=(_to(S.ENDING), _WRONG),
+        acknowledge=(_NO_RESULTS, _WRONG),
+        # Images of the position before are still taken.
+        step=(_no(E.BUSY, again=True), _HARMLESS, _WRONG),
+    ),
+    S.TURNING: _row(
+        prepare=_BUSY,
+        start=(_BUSY, _HARMLESS),
+        stop=(_to(S.BUSY), _WRONG),
+        abort=(_to(S.ENDING), _WRONG),
+        acknowledge=(_NO_RESULTS, _WRONG),
+        step=(_to(S.SWEEPING), _HARMLESS, _WRONG),
+    ),
     S.ENDING: _row(
         prepare=_BUSY,
         start=(_BUSY, _HARMLESS),
         stop=(_NO_STOP, _WRONG),
         abort=(_HARMLESS, _WRONG),
         acknowledge=(_NO_RESULTS, _WRONG),
+        step=_STEPPED,
     ),
     S.HELD: _row(
         prepare=_no(E.NOT_ACKNOWLEDGED),
@@ -157,6 +192,7 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         stop=(_NO_STOP, _WRONG),
         abort=(_HARMLESS, _WRONG),
         acknowledge=(_to(S.CLOSING), _WRONG),
+        step=_STEPPED,
     ),
     S.CLOSING: _row(
         prepare=_BUSY,
@@ -164,6 +200,7 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         stop=(_NO_STOP, _WRONG),
         abort=(_HARMLESS, _WRONG),
         acknowledge=(_HARMLESS, _WRONG),
+        step=_STEPPED,
     ),
     S.RESETTING: _row(
         prepare=_RESETTING,
@@ -171,6 +208,7 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         stop=(_RESETTING, _RESETTING),
         abort=(_RESETTING, _RESETTING),
         acknowledge=(_RESETTING, _RESETTING),
+        step=(_RESETTING, _RESETTING, _RESETTING),
     ),
     S.FAULT: _row(
         prepare=_no(E.RESET_REQUIRED),
@@ -180,8 +218,13 @@ COMMANDS: dict[HandshakeState, dict[Request, Rule]] = {
         acknowledge=(_HARMLESS, _WRONG),
     ),
 }
-"""What every command does in every state. A start in the mode adjust leads to ADJUSTING instead of BUSY."""
+"""What every command does in every state. A start leads to what `BEGINS` says of its mode, if anything."""
 
+BEGINS = {Mode.ADJUST: S.ADJUSTING, Mode.SWEEP: S.SWEEPING}
+"""Where a start of these modes leads instead of BUSY."""
+
+_WATCHED = (S.ADJUSTING, S.SWEEPING, S.TURNING)
+_OPEN = (S.BUSY, *_WATCHED, S.ENDING)
 EVENTS: dict[Event, dict[HandshakeState, HandshakeState]] = {
     Event.CYCLE_READY: {
         S.STARTING: S.READY,
@@ -190,27 +233,28 @@ EVENTS: dict[Event, dict[HandshakeState, HandshakeState]] = {
         S.FAULT: S.READY,
     },
     Event.CYCLE_FAULT: dict.fromkeys(S, S.FAULT),
-    Event.RESULTS_SENT: {S.BUSY: S.HELD, S.ADJUSTING: S.HELD, S.ENDING: S.HELD},
-    Event.START_REFUSED: {
-        S.PREPARED: S.READY,
-        S.BUSY: S.READY,
-        S.ADJUSTING: S.READY,
-        S.ENDING: S.READY,
-    },
+    Event.RESULTS_SENT: dict.fromkeys(_OPEN, S.HELD),
+    Event.START_REFUSED: dict.fromkeys((S.PREPARED, *_OPEN), S.READY),
     Event.RESULTS_RESTORED: {S.STARTING: S.HELD},
     Event.PREPARE_EXPIRED: {S.PREPARED: S.READY},
     # A cycle that runs is finished and its results are held; only what needs the controller's eyes ends.
-    Event.LINK_LOST: {S.PREPARED: S.READY, S.ADJUSTING: S.ENDING},
+    Event.LINK_LOST: {S.PREPARED: S.READY, **dict.fromkeys(_WATCHED, S.ENDING)},
+    Event.POSITION_WANTED: {S.SWEEPING: S.TURNING},
+    Event.SWEEP_OVER: {S.SWEEPING: S.BUSY, S.TURNING: S.BUSY},
 }
 """Where every event leads; a state that is not named stays."""
 
-OPEN = frozenset({S.BUSY, S.ADJUSTING, S.ENDING})
+OPEN = frozenset(_OPEN)
 """States in which a start was accepted and its results are not yet sent."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A command as it arrived; `trouble` is what is wrong with its content, such as a start's VIN."""
+    """A command as it arrived; `trouble` is what is wrong with its content, such as a start's VIN.
+
+    Of a step, `position` is the one that was reached, and `angle_deg` the steering wheel's angle there, where
+    the controller knows it.
+    """
 
     code: CommandCode
     sequence: int
@@ -220,6 +264,8 @@ class Asked:
     vin: str = ""
     received_s: float = field(default=0.0, compare=False)
     trouble: ErrorCode = ErrorCode.NONE
+    position: int = 0
+    angle_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -257,6 +303,8 @@ class Handshake:
         self.reply = Reply()
         self._start: int | None = None
         self._final = False
+        # Position of the sweep that a step is awaited for next, and the one that the reply is about.
+        self._next, self._answered = 1, 0
         # A start that stood on the bus before the station could look is not one that was just given.
         self._start_is_stale = True
 
@@ -280,7 +328,7 @@ class Handshake:
         if asked.code is CommandCode.NONE:
             self._start_is_stale = self._final = False
             return None
-        if self._final and (asked.code, asked.sequence) == (self.reply.code, self.reply.sequence):
+        if self._final and self._is_repeated(asked):
             return None
         request = self._request(asked)
         rule = COMMANDS[self.state][request]
@@ -289,8 +337,11 @@ class Handshake:
             rule = _no(ErrorCode.WRONG_INTERFACE)
         elif request in (Request.START_NEW, Request.PREPARE):
             rule = self._checked(rule, asked)
+        elif asked.trouble is ErrorCode.STEP_INCOMPLETE and self.state is HandshakeState.TURNING:
+            # Its position may still be under way.
+            rule = _no(asked.trouble, again=True)
         self._start_is_stale = False
-        self._final = not rule.again
+        self._final, self._answered = not rule.again, asked.position
         self.reply = Reply(asked.code, asked.sequence, rule.refusal)
         if rule.target is not None:
             self._enter(rule.target, asked)
@@ -304,9 +355,14 @@ class Handshake:
             raise ValueError(f"results were sent in state '{before}', where none are awaited")
         if event is Event.LINK_LOST:
             self._start_is_stale = True
-            if before is HandshakeState.ADJUSTING:
+            if before in _WATCHED:
                 return Abort(self.sequence, ErrorCode.COMMUNICATION_LOST)
         return None
+
+    def want(self, position: int) -> None:
+        """The sweep waits for the steering to be turned to a position, counted from 1."""
+        self._next = position
+        self.happened(Event.POSITION_WANTED)
 
     def refuse(self, sequence: int, code: ErrorCode) -> None:
         """The cycle declines the start or the preparation in hand; its number may be used again."""
@@ -339,8 +395,21 @@ class Handshake:
                 return Request.ACKNOWLEDGE_SAME if same else Request.ACKNOWLEDGE_OTHER
             case CommandCode.RESET:
                 return Request.RESET
+            case CommandCode.STEP:
+                return self._step(asked.position) if same else Request.STEP_OTHER
             case _:
                 return Request.PREPARE
+
+    def _step(self, position: int) -> Request:
+        if position == self._next:
+            return Request.STEP_NEXT
+        return Request.STEP_TAKEN if 0 < position < self._next else Request.STEP_OTHER
+
+    def _is_repeated(self, asked: Asked) -> bool:
+        if (asked.code, asked.sequence) != (self.reply.code, self.reply.sequence):
+            return False
+        # All steps of a sweep have one number.
+        return asked.code is not CommandCode.STEP or asked.position == self._answered
 
     def _checked(self, rule: Rule, asked: Asked) -> Rule:
         if rule.refusal is not ErrorCode.NONE:
@@ -351,12 +420,16 @@ class Handshake:
         if asked.trouble is not ErrorCode.NONE:
             # The controller's VIN frames may still be under way.
             return _no(asked.trouble, again=asked.trouble is ErrorCode.VIN_INCOMPLETE)
-        return _to(HandshakeState.ADJUSTING) if starts and asked.mode is Mode.ADJUST else rule
+        begins = BEGINS.get(asked.mode) if starts else None
+        return rule if begins is None else _to(begins)
 
     def _enter(self, target: HandshakeState, asked: Asked) -> None:
         self.state = target
-        if target in (HandshakeState.BUSY, HandshakeState.ADJUSTING):
+        if asked.code is CommandCode.START:
             self._start = self.sequence = asked.sequence
+            self._next = 1
+        elif asked.code is CommandCode.STEP:
+            self._next = asked.position + 1
         elif target is HandshakeState.RESETTING:
             self._start = None
             self.sequence = asked.sequence
@@ -376,5 +449,7 @@ def _command(asked: Asked) -> Command:
             return Abort(asked.sequence)
         case CommandCode.ACKNOWLEDGE:
             return Acknowledge(asked.sequence)
+        case CommandCode.STEP:
+            return Step(asked.sequence, asked.position, asked.angle_deg)
         case _:
             return Reset(asked.sequence)

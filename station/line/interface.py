@@ -27,24 +27,29 @@ import can
 from alignment.errors import LineConnectionError, LineError
 from station.cycle import (
     AxleAnswer,
-    Coalesced,
     Command,
     ErrorCode,
+    Guidance,
     LiveAngles,
+    Mode,
     Outcome,
     Reset,
     StationState,
     StationStatus,
+    SweepProgress,
+    SweepState,
+    ToldOfVehicle,
     Trigger,
     VehicleAnswer,
     WheelAnswer,
 )
-from station.line.asking import interface_of, known_code, read_asked, refusal_in_words
+from station.line.asking import heard_in_words, interface_of, known_code, read_asked, refusal_in_words
 from station.line.handshake import Event, Handshake
-from station.line.live import LiveShown
+from station.line.live import LiveShown, SweepShown
+from station.line.said import Said, shown_status
+from station.line.told import ToldByController
 from station.line.wire import (
     DEFAULT_OPTIONS,
-    INTERFACE_MAJOR,
     CommandAnswer,
     CommandCode,
     LineBus,
@@ -68,7 +73,6 @@ from station.threads import SupervisedThread
 STATUS_PERIOD_S = 0.1
 COMMUNICATION_TIMEOUT_S = 0.5
 PREPARE_LIFETIME_S = 300.0
-_LOG = logging.getLogger("truewheel.line")
 
 
 class StationLine:
@@ -100,7 +104,8 @@ class StationLine:
         self._bus = bus
         self._database = database
         self._clock = clock
-        self._options = options
+        # A controller of a line before 3.1 has no way to tell of a step.
+        self._modes = options.modes if database.has_steering else options.modes - {Mode.SWEEP}
         self._link = ProtectedLink(bus, database, clock)
         # One lock over state and sending: what a Status says is what held when it went out.
         self._lock = threading.RLock()
@@ -113,8 +118,9 @@ class StationLine:
         self._results: list[can.Message] = []
         self._blank = blank_frames(database)
         self._live = LiveShown(database, clock, options.live_age_s, self._send)
-        self._refusal, self._refused_sequence = ErrorCode.NONE, 0
-        self._said = Coalesced[tuple[int, str]](lambda kind, text: _LOG.log(kind[0], "%s", text), clock)
+        self._sweep = SweepShown(database, self._send)
+        self._told = ToldByController(database, clock)
+        self._said = Said(clock)
         self._link_up = False
         self._heartbeat = self._alive_counter = self._faults = 0
         self._prepared_s = 0.0
@@ -219,6 +225,26 @@ class StationLine:
         with self._lock:
             self._live.show(angles, measured_s)
 
+    def publish_guidance(self, guidance: Guidance, measured_s: float) -> None:
+        """Show what to do at a wheel that is adjusted, of images taken at this time of the clock."""
+        with self._lock:
+            self._live.guide(guidance, measured_s)
+
+    def publish_sweep(self, progress: SweepProgress) -> None:
+        """Show how the sweep goes; a position that is wanted is awaited from then on."""
+        with self._lock:
+            self._sweep.show(self._handshake.sequence, progress)
+            if progress.state is SweepState.TURN:
+                self._handshake.want(progress.position)
+            elif progress.state in (SweepState.DONE, SweepState.FAILED):
+                self._happened(Event.SWEEP_OVER)
+            self._send_status()
+
+    def told(self) -> ToldOfVehicle:
+        """What the controller last told of the vehicle."""
+        with self._lock:
+            return self._told.of_vehicle
+
     def send_results(
         self,
         sequence: int,
@@ -303,7 +329,7 @@ class StationLine:
             self._handshake.refuse(sequence, code)
             trigger, self._trigger = self._trigger, None
             command = CommandCode.PREPARE if trigger is None else CommandCode.START
-            self._note_refusal(sequence, code, refusal_in_words(command, sequence, code, trigger))
+            self._said.refused(sequence, code, refusal_in_words(command, sequence, code, trigger))
             self._send_status()
             self._send_answer()
 
@@ -318,6 +344,7 @@ class StationLine:
             else:
                 self._send_slow("VehicleResult", lambda: self._sent(self._blank))
             self._live.repeat()
+            self._sweep.repeat()
             self._send_slow("StationInfo", lambda: self._send(info_frame(self._database, self._info)))
             self._send_slow("ErrorDetail", self._send_detail)
 
@@ -332,6 +359,8 @@ class StationLine:
                 self._receive_command(values)
             elif name in self._database.vin_messages:
                 self._vin.add(name, values, self._clock())
+            else:
+                self._told.take(name, values)
 
     def _cyclic_step(self, stopping: threading.Event, period_s: float) -> None:
         if not stopping.wait(period_s):
@@ -343,9 +372,12 @@ class StationLine:
         heard = self._link.heard_s("Command")
         if self._link_up and (heard is None or now - heard > self._timeout_s):
             self._link_up = False
-            self._say(logging.WARNING, "lost", f"controller lost: no good Command for {self._timeout_s:g} s")
+            self._said.say(
+                logging.WARNING, "lost", f"controller lost: no good Command for {self._timeout_s:g} s"
+            )
             self._link.forget()
             self._vin.clear()
+            self._told.clear()
             self._happened(Event.LINK_LOST)
         if now - self._prepared_s > PREPARE_LIFETIME_S:
             self._happened(Event.PREPARE_EXPIRED)
@@ -362,26 +394,15 @@ class StationLine:
             self._trigger = None
             self._results = []
         if not self._handshake.busy:
-            self._live.clear()
+            self._clear_shown()
+
+    def _clear_shown(self) -> None:
+        self._live.clear()
+        self._sweep.clear()
 
     def _line_status(self) -> LineStatus:
-        handshake, status = self._handshake, self._status
-        code, code_sequence = status.error_code, handshake.sequence
-        if code is ErrorCode.NONE and not self._link_up:
-            code = ErrorCode.COMMUNICATION_LOST
-        if code is ErrorCode.NONE:
-            code, code_sequence = self._refusal, self._refused_sequence
-        return LineStatus(
-            state=status.state,
-            sequence=handshake.sequence,
-            ready=handshake.ready and self._link_up,
-            busy=handshake.busy,
-            done=handshake.held,
-            fault=status.state is StationState.FAULT,
-            alive_counter=self._alive_counter,
-            error_code=code,
-            error_sequence=code_sequence,
-            handshake=handshake.state,
+        return shown_status(
+            self._handshake, self._status, self._said, link_up=self._link_up, alive=self._alive_counter
         )
 
     def _send(self, frame: can.Message) -> bool:
@@ -422,7 +443,7 @@ class StationLine:
             return
         if self._handshake.busy:
             self._handshake.happened(Event.RESULTS_SENT)
-            self._live.clear()
+            self._clear_shown()
             self._send_status()
 
     def _sent(self, frames: Iterable[can.Message]) -> bool:
@@ -431,21 +452,22 @@ class StationLine:
     def _receive_command(self, values: dict[str, Value]) -> None:
         if not self._link_up:
             self._link_up = True
-            self._say(*_heard(interface_of(values)))
+            self._said.say(*heard_in_words(interface_of(values)))
             # With the next cyclic ones its counters of all messages are in step.
             self._due.pop("VehicleResult", None)
             self._sent(self._results or self._blank)
         self._heartbeat = int(values["Heartbeat"])
         sequence = int(values["Sequence"])
-        code = known_code(values)
+        code = known_code(values, self._modes)
         if code is None:
             why = ErrorCode.UNKNOWN_COMMAND
-            self._note_refusal(sequence, why, refusal_in_words(f"command {values['Code']},", sequence, why))
+            self._said.refused(sequence, why, refusal_in_words(f"command {values['Code']},", sequence, why))
             self._send_status()
             return
         before = self._handshake.state, self._handshake.reply
-        now, modes = self._clock(), self._options.modes
-        asked = read_asked(code, sequence, values, self._database.wheels, self._vin, modes, now)
+        now, modes = self._clock(), self._modes
+        wheels = self._database.wheels
+        asked = read_asked(code, sequence, values, wheels, self._vin, self._told, modes, now)
         command = self._handshake.asked(asked)
         if command is not None:
             self._accepted(command)
@@ -454,7 +476,7 @@ class StationLine:
             return
         start = asked if code is CommandCode.START else None
         text = refusal_in_words(code, reply.sequence, reply.refusal, start)
-        self._note_refusal(reply.sequence, reply.refusal, text)
+        self._said.refused(reply.sequence, reply.refusal, text)
         self._send_status()
         self._send_answer()
 
@@ -467,32 +489,10 @@ class StationLine:
                 while True:
                     self._commands.get_nowait()
             self._trigger, self._results = None, []
-            self._live.clear()
+            self._clear_shown()
             self._vin.clear()
             self._reset_pending = True
         self._prepared_s = self._clock()
         if not self._handshake.held and not self._handshake.busy:
             self._results = []
         self._commands.put(command)
-
-    def _note_refusal(self, sequence: int, code: ErrorCode, text: str) -> None:
-        refused = code is not ErrorCode.NONE
-        # An unknown command stands in every frame, until the controller thinks better of it.
-        if refused and (code, sequence) != (self._refusal, self._refused_sequence):
-            self._say(logging.WARNING, str(code), text)
-        self._refusal, self._refused_sequence = code, sequence if refused else 0
-
-    def _say(self, level: int, kind: str, text: str) -> None:
-        self._said.say((level, kind), text)
-
-
-def _heard(interface: int) -> tuple[int, str, str]:
-    """Level, kind and text of the log for a controller that is heard."""
-    if interface == INTERFACE_MAJOR:
-        return logging.INFO, "heard", "controller is heard"
-    return (
-        logging.WARNING,
-        "heard",
-        f"controller is heard, of interface {interface}: its commands are refused, as this station speaks "
-        f"interface {INTERFACE_MAJOR}",
-    )

@@ -130,15 +130,22 @@ def _values(record: CycleRecord, wheel: WheelRecord) -> tuple[dict[str, Any], di
     values |= {"outcome": str(wheel.outcome)}
     if wheel.camber is None:
         return values, {}
-    values |= {"camber": wheel.camber, "camber_u": wheel.camber_u}
+    # Straight ahead and the design height are not what the rig saw.
+    raw = wheel.camber_raw is not None
+    camber, camber_u, toe, toe_u = (
+        (wheel.camber_raw, wheel.camber_raw_u, wheel.toe_raw, wheel.toe_raw_u)
+        if raw
+        else (wheel.camber, wheel.camber_u, wheel.toe, wheel.toe_u)
+    )
+    values |= {"camber": camber, "camber_u": camber_u}
     geometry = record.geometry
     if geometry is None or geometry.reference != "vehicle":
-        return values | {"toe": wheel.toe, "toe_u": wheel.toe_u}, {}
+        return values | {"toe": toe, "toe_u": toe_u}, {}
     yaw = geometry.yaw
-    if yaw is None or wheel.toe is None:
+    if yaw is None or toe is None:
         # Its toe is against the stand, as its warning says.
-        return values | {"toe": wheel.toe, "toe_u": wheel.toe_u}, {}
+        return values | {"toe": toe, "toe_u": toe_u}, {}
     turn = yaw if wheel.wheel == f"{axle_of(wheel.wheel)}_left" else -yaw
     # Uncertainties of the vehicle's frame have parts of the other wheels.
     del values["camber_u"]
-    return values | {"toe": wheel.toe - turn}, {"camber": _LOOSE, "toe": _LOOSE}
+    return values | {"toe": toe - turn}, {"camber": _LOOSE, "toe": _LOOSE}

@@ -132,8 +132,13 @@ def limits_of(kind: VehicleType) -> dict[str, dict[str, list[float]]]:
         "thrust_angle": kind.thrust_angle,
         "yaw": kind.yaw,
         **kind.lengths.stated,
+        "steering_wheel_offset": None if kind.steering is None else kind.steering.offset,
     }
     given_vehicle = {name: pair(tolerance) for name, tolerance in of_vehicle.items() if tolerance is not None}
     if given_vehicle:
         found["vehicle"] = given_vehicle
+    if kind.steering_axis.stated:
+        found["steering_axis"] = {
+            name: pair(tolerance) for name, tolerance in kind.steering_axis.stated.items()
+        }
     return found

@@ -19,10 +19,13 @@ from alignment.values import MeasureSettings, Refusal, Side, WheelMeasurement, n
 from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame
+from station.cycle.guidance_words import Guidance
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, CycleReport, Identity, Observer
 from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
 from station.cycle.series import SeriesChoice
+from station.cycle.steering_words import SweepProgress
+from station.cycle.vehicle_words import NOTHING_TOLD, ToldOfVehicle
 from station.cycle.words import (
     Acknowledge,
     Command,
@@ -121,6 +124,10 @@ class FakeLine:
         self.send_error: TruewheelError | None = None
         self.live: list[tuple[LiveAngles, float]] = []
         self.on_live: Callable[[], None] = lambda: None
+        self.guided: list[tuple[Guidance, float]] = []
+        self.swept: list[SweepProgress] = []
+        self.on_sweep: Callable[[SweepProgress], None] = lambda progress: None
+        self.vehicle: Callable[[], ToldOfVehicle] = lambda: NOTHING_TOLD
 
     def next_command(self, timeout_s: float) -> Command | None:
         self.on_poll()
@@ -157,6 +164,16 @@ class FakeLine:
     def publish_live(self, angles: LiveAngles, measured_s: float) -> None:
         self.live.append((angles, measured_s))
         self.on_live()
+
+    def publish_guidance(self, guidance: Guidance, measured_s: float) -> None:
+        self.guided.append((guidance, measured_s))
+
+    def publish_sweep(self, progress: SweepProgress) -> None:
+        self.swept.append(progress)
+        self.on_sweep(progress)
+
+    def told(self) -> ToldOfVehicle:
+        return self.vehicle()
 
     def refuse(self, sequence: int, code: ErrorCode) -> None:
         self.refused.append((sequence, code))

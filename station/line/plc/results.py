@@ -12,6 +12,7 @@ from station.line.wire import (
     VehicleReport,
     read_axle,
     read_geometry,
+    read_steering,
     read_vehicle,
     read_wheel,
 )
@@ -50,11 +51,13 @@ def read_results(
         read_axle(name, results[f"AxleResult{ending}"], results[f"AxleUncertainty{ending}"])
         for name, ending in database.axles.items()
     )
-    vehicle = read_vehicle(results["VehicleResult"], read_geometry(database, results))
+    geometry, steering = read_geometry(database, results), read_steering(database, results)
+    vehicle = read_vehicle(results["VehicleResult"], geometry, steering)
     parts = vehicle_outcome(wheels, axles, None)
     if vehicle.outcome is Outcome.OK and parts is not Outcome.OK:
         raise LineError(f"the vehicle of sequence {sequence} is shown as ok, but its parts are {parts}")
     missed = [q.name for q in vehicle.geometry.quantities if q.state is QuantityState.NOK]
+    missed += vehicle.steering.missed
     if vehicle.outcome is Outcome.OK and missed:
         raise LineError(
             f"the vehicle of sequence {sequence} is shown as ok, but out of limits: {', '.join(missed)}"

@@ -268,12 +268,16 @@ def _signal_row(signal: Signal) -> list[str]:
 
 
 def _said_of(messages: list[Message]) -> list[str]:
-    """The comment of messages that are alike; of the geometry, what each of them holds and then the rest."""
+    """The comment of messages that are alike; of quantities, what each of them holds and then the rest."""
     comments = [str(message.comment).partition(". Sent again ") for message in messages]
-    if len({what for what, _, _ in comments}) == 1 or not messages[0].name.startswith("Geometry"):
+    if len({what for what, _, _ in comments}) == 1 or not _is_quantity(messages[0]):
         return [str(messages[0].comment)]
     rows = [[message.name, f"{what}."] for message, (what, _, _) in zip(messages, comments, strict=True)]
     return [_table(("message", "holds"), rows), "", f"Sent again {comments[0][2]}"]
+
+
+def _is_quantity(message: Message) -> bool:
+    return message.name.startswith(("Geometry", "Sweep"))
 
 
 def _reserved() -> str:
@@ -281,26 +285,25 @@ def _reserved() -> str:
         [
             each.mode,
             each.what,
-            f"0x{each.identifiers[0]:X} to 0x{each.identifiers[-1]:X}",
-            ", ".join(each.commands),
+            " to ".join(f"0x{end:X}" for end in sorted({each.identifiers[0], each.identifiers[-1]})),
             ", ".join(f"`{code}`" for code in each.codes),
         ]
         for each in RESERVED_FOR_MODES
     ]
     controller = f"0x{CONTROLLER_IDENTIFIERS[0]:X} to 0x{CONTROLLER_IDENTIFIERS[-1]:X}"
-    head = ("mode", "in which", "identifiers of the station", "commands", "error codes")
+    head = ("mode", "in which", "identifiers of the station", "error codes")
     return f"""
 ## Reserved
 
 For modes that later minor versions bring. Their numbers stand in the value tables already, so that a
-controller of today needs no other table then; no station of this version serves them.
+controller of today needs no other table then; no station of this version serves them, but for sweep, which
+has an identifier to spare.
 
 {_table(head, rows)}
 
-Identifiers {controller} are reserved for what the controller says in them, the numbers 9 to 15 of
-`Status.State` and 10 to 15 of `Status.Handshake` for their states, 19 to 39 and 115 to 139 of the error codes
-for further ones. A start in a reserved mode is refused with `mode_not_available`, the command step shows
-`unknown_command`.
+Identifiers {controller} are reserved for what the controller says in them, the numbers 10 to 15 of
+`Status.State` and 12 to 15 of `Status.Handshake` for their states, 20 to 39 and 115 to 139 of the error codes
+for further ones. A start in a reserved mode is refused with `mode_not_available`.
 """
 
 
@@ -311,7 +314,7 @@ def _sorted(database: LineDatabase) -> list[Message]:
 def _alike(database: LineDatabase) -> Iterator[list[Message]]:
     """Messages of the line, those of the same layout together."""
     endings = [*database.wheels.values(), *database.axles.values()]
-    stem = re.compile(f"^(Wheel\\w+?|Axle\\w+?|Live\\w+?)({'|'.join(endings)})$")
+    stem = re.compile(f"^((?:Wheel|Axle|Live|Guidance|RideHeight)\\w*?)({'|'.join(endings)})$")
     groups: dict[str, list[Message]] = {}
     for message in _sorted(database):
         found = stem.match(message.name)
@@ -319,6 +322,8 @@ def _alike(database: LineDatabase) -> Iterator[list[Message]]:
         if name in database.geometry.values():
             # All lengths are alike, and all angles.
             name = f"geometry in {message.get_signal_by_name('Value').unit}"
+        elif name in database.steering_axes.values():
+            name = f"sweep in {message.get_signal_by_name('Value').unit}"
         groups.setdefault(name, []).append(message)
     return iter(groups.values())
 

@@ -25,13 +25,13 @@ from .messages import LineStatus as LineStatus
 from .messages import LiveAge as LiveAge
 from .messages import StationInfo as StationInfo
 from .messages import VehicleReport as VehicleReport
+from .numbers import read_number as read_number
 from .options import DEFAULT_OPTIONS as DEFAULT_OPTIONS
 from .options import LineHealth as LineHealth
 from .options import LineOptions as LineOptions
 from .protection import Guard as Guard
 from .protection import protect as protect
 from .reserved import CONTROLLER_IDENTIFIERS as CONTROLLER_IDENTIFIERS
-from .reserved import RESERVED_COMMANDS as RESERVED_COMMANDS
 from .reserved import RESERVED_FOR_MODES as RESERVED_FOR_MODES
 from .results import blank_frames as blank_frames
 from .results import frames_of_live as frames_of_live
@@ -48,6 +48,12 @@ from .status import read_answer as read_answer
 from .status import read_info as read_info
 from .status import read_status as read_status
 from .status import status_frame as status_frame
+from .steering_frames import blank_guidance as blank_guidance
+from .steering_frames import guidance_frames as guidance_frames
+from .steering_frames import progress_frame as progress_frame
+from .steering_frames import read_guidance as read_guidance
+from .steering_frames import read_progress as read_progress
+from .steering_frames import read_steering as read_steering
 from .vehicle_frames import read_geometry as read_geometry
 from .vin import VinAssembly as VinAssembly
 from .vin import VinState as VinState

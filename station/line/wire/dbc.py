@@ -2,7 +2,9 @@
 
 The wheels and axles of a station are those of its DBC: a further wheel is a bit ``WheelX`` in Command, the
 messages ``WheelResultX``, ``WheelUncertaintyX``, ``WheelAxisX``, ``LiveAnglesX`` and ``LiveAgeX`` and a word
-in ``ErrorDetail.Wheel``, a further axle ``AxleResultX`` and ``AxleUncertaintyX``.
+in ``ErrorDetail.Wheel``, a further axle ``AxleResultX`` and ``AxleUncertaintyX``. Where a wheel is guided
+there are ``GuidanceX``, ``GuidanceTargetX`` and ``WheelRawX`` too, where it is steered all of ``Sweep…X``; an
+axle with ride heights has ``RideHeightX`` and ``RideHeightUsedX``.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from cantools.database.can.signal import Signal
 from cantools.errors import Error as CantoolsError
 
 from alignment.errors import ConfigurationError, InputError
+from station.cycle import AXIS_DIFFERENCES, AXIS_QUANTITIES
+from station.line.wire import steering_needs
 from station.line.wire.dbc_needs import (
     FIXED,
     FLAG,
@@ -67,13 +71,16 @@ class LineDatabase:
     ----------
     file
         Where it came from.
-    wheels, axles
+    wheels, axles, guided, steered, levelled
         Program's name (``front_left``) to the ending of the DBC's names (``FrontLeft``), in the order of the
-        bits of Command and of the identifiers.
+        bits of Command and of the identifiers. Of the wheels, those with guidance and those that are steered;
+        of the axles, those with ride heights.
     vin_messages
         The messages that carry the VIN to the signals of its characters, in order.
-    geometry
-        Quantities of the vehicle's geometry to their messages, in the order of sending.
+    geometry, steering_axes
+        Quantities of the vehicle's geometry and steering axes to their messages, in the order of sending.
+    has_steering
+        Whether the DBC has what 3.1 added, from the steering wheel to guidance.
     protected
         End-to-end parameters of every message of the line, by its name.
     interface_version
@@ -91,6 +98,7 @@ class LineDatabase:
         self._by_id = {message.frame_id: message for message in database.messages}
         self.interface_version = self._version(database, older)
         self.geometry: Mapping[str, str] = GEOMETRY_MESSAGES
+        self.has_steering = self.interface_version >= steering_needs.STEERING_SINCE
         fixed, per_wheel = self._needs(FIXED), self._needs(PER_WHEEL)
         for name, needs in fixed.items():
             self._check_message(name, needs)
@@ -109,6 +117,17 @@ class LineDatabase:
         self.vin_messages = {
             name: tuple(n for n in needs if n != "SequenceLow") for name, needs in VIN.items()
         }
+        self.guided = self._having(steering_needs.STEERING_PER_WHEEL, self.wheels)
+        self.steered = self._having(steering_needs.PER_STEERED, self.wheels)
+        self.levelled = self._having(steering_needs.STEERING_PER_AXLE, self.axles)
+        message = steering_needs.axis_message
+        self.steering_axes: dict[str, str] = {}
+        if self.has_steering:
+            for name, needs in steering_needs.STEERING_FIXED.items():
+                self._check_message(name, needs)
+            for wheel, ending in self.steered.items():
+                self.steering_axes |= {f"{wheel}.{name}": message(name, ending) for name in AXIS_QUANTITIES}
+            self.steering_axes |= {name: message(name) for name in AXIS_DIFFERENCES}
         self._check_wheel_numbers()
         self._check_data_ids()
         self._check_times()
@@ -194,7 +213,12 @@ class LineDatabase:
         of_wheel, of_axle = ("Uncertainty", "Axis", "Result"), ("Uncertainty", "Result")
         parts = [f"Wheel{part}{e}" for e in self.wheels.values() for part in of_wheel]
         parts += [f"Axle{part}{e}" for e in self.axles.values() for part in of_axle]
-        return (*parts, "VehicleReference", *self.geometry.values(), "VehicleResult")
+        parts += ["VehicleReference", *self.geometry.values()]
+        if self.has_steering:
+            parts += [f"WheelRaw{e}" for e in self.guided.values()]
+            parts += [f"RideHeightUsed{e}" for e in self.levelled.values()]
+            parts += ["SteeringWheelResult", *self.steering_axes.values()]
+        return (*parts, "VehicleResult")
 
     def signals(self, message: str) -> tuple[str, ...]:
         """Names of a message's signals, without those of the end-to-end protection."""
@@ -217,7 +241,19 @@ class LineDatabase:
         return major, self._number(database.dbc, "the DBC", "InterfaceMinor", 0, 255, missing=0)
 
     def _needs(self, needs: Needs) -> Needs:
+        if not self.has_steering:
+            needs = steering_needs.without_steering(needs)
         return needs if self.interface_version[0] == INTERFACE_MAJOR else needed_since_2(needs)
+
+    def _having(self, needs: Needs, parts: Mapping[str, str]) -> dict[str, str]:
+        """Wheels or axles that the DBC has any of these messages of; then it has all, as they must be."""
+        having = {}
+        for part, ending in parts.items():
+            if self.has_steering and any(stem + ending in self._by_name for stem in needs):
+                having[part] = ending
+                for stem in needs:
+                    self._check_message(stem + ending, needs[stem])
+        return having
 
     def _parts(self, stem: str, endings: Iterable[str]) -> dict[str, str]:
         parts = {snake_case(ending): ending for ending in endings}

@@ -37,7 +37,7 @@ class Need:
     words: tuple[str, ...] = ()
 
 
-_SEQUENCE = Need(highest=255)
+SEQUENCE = Need(highest=255)
 FLAG = Need()
 _OUTCOME = Need(words=("none", *Outcome))
 _ANGLE = Need(lowest=-10.0, highest=10.0, step=1e-4, words=(INVALID,))
@@ -56,7 +56,7 @@ def _quantity(name: str) -> dict[str, Need]:
     if name not in GEOMETRY_ANGLES:
         value = Need(lowest=-8000.0, highest=8000.0, step=0.01, words=(INVALID,))
     u95 = _UNCERTAINTY if name in GEOMETRY_ANGLES else Need(highest=50.0, step=0.01, words=(INVALID,))
-    return {"State": Need(words=tuple(QuantityState)), "Sequence": _SEQUENCE, "Value": value, "U95": u95}
+    return {"State": Need(words=tuple(QuantityState)), "Sequence": SEQUENCE, "Value": value, "U95": u95}
 
 
 VIN = {
@@ -68,15 +68,15 @@ FIXED = {
     **VIN,
     "Command": {
         "Code": Need(words=tuple(CommandCode)),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "Mode": Need(words=tuple(Mode)),
         "VehicleType": Need(highest=65535),
-        "Heartbeat": _SEQUENCE,
+        "Heartbeat": SEQUENCE,
         "InterfaceMajor": Need(highest=15),
     },
     "Status": {
         "State": Need(words=tuple(StationState)),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "Ready": FLAG,
         "Busy": FLAG,
         "ResultValid": FLAG,
@@ -84,37 +84,37 @@ FIXED = {
         "Handshake": Need(words=tuple(HandshakeState)),
         "AliveCounter": Need(highest=255),
         "ErrorCode": Need(words=tuple(ErrorCode)),
-        "ErrorSequence": _SEQUENCE,
+        "ErrorSequence": SEQUENCE,
     },
     "CommandAnswer": {
         "Code": Need(words=tuple(CommandCode)),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "Answer": Need(words=tuple(Answer)),
         "LinkUp": FLAG,
         "ErrorCode": Need(words=tuple(ErrorCode)),
-        "HeartbeatEcho": _SEQUENCE,
+        "HeartbeatEcho": SEQUENCE,
     },
     "StationInfo": dict.fromkeys(
         ("InterfaceMajor", "InterfaceMinor", "SoftwareMajor", "SoftwareMinor", "SoftwarePatch", "Boot"),
-        _SEQUENCE,
+        SEQUENCE,
     ),
     "ErrorDetail": {
         "Part": Need(words=tuple(Part)),
         "ErrorCode": Need(words=tuple(ErrorCode)),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "Wheel": Need(words=("none",)),
         "Count": Need(highest=65535),
     },
     "VehicleResult": {
         "Outcome": _OUTCOME,
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "ThrustAngle": _ANGLE,
         "ThrustSign": Need(words=("left_positive", "right_positive")),
         "ThrustAngleU95": _UNCERTAINTY,
     },
     "VehicleReference": {
         "Reference": Need(words=("none", "stand", "vehicle")),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "Between": Need(words=("none", "sidewalls", "wheel_centres", "contact_centres")),
     },
     **{message: _quantity(name) for name, message in GEOMETRY_MESSAGES.items()},
@@ -122,43 +122,52 @@ FIXED = {
 PER_WHEEL = {
     "WheelUncertainty": {
         "Quality": Need(words=tuple(Quality)),
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "CamberU95": _UNCERTAINTY,
         "ToeU95": _UNCERTAINTY,
         "Residual": Need(highest=1.0, step=0.01, words=(INVALID,)),
     },
     "WheelAxis": {
         "Kind": _KIND,
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "RunOut": Need(highest=50.0, step=0.01, words=(INVALID,)),
         "HighSpot": Need(highest=359.0, step=1.0, words=(INVALID,)),
         "RunOutU95": Need(highest=5.0, step=0.02, words=(INVALID,)),
         "RunOutState": Need(words=tuple(QuantityState)),
     },
-    "WheelResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "Camber": _ANGLE, "Toe": _ANGLE},
+    "WheelResult": {"Outcome": _OUTCOME, "Sequence": SEQUENCE, "Camber": _ANGLE, "Toe": _ANGLE},
     "LiveAngles": {
         "State": Need(words=tuple(LiveState)),
-        "Shot": _SEQUENCE,
+        "Shot": SEQUENCE,
         "Camber": _ANGLE,
         "Toe": _ANGLE,
     },
     "LiveAge": {
         "Kind": _KIND,
-        "Shot": _SEQUENCE,
+        "Shot": SEQUENCE,
         "Age": Need(highest=60_000.0, step=100.0, words=(INVALID,)),
     },
 }
 PER_AXLE = {
     "AxleUncertainty": {
-        "Sequence": _SEQUENCE,
+        "Sequence": SEQUENCE,
         "TotalToeU95": _UNCERTAINTY,
         "CamberDifferenceU95": _UNCERTAINTY,
     },
-    "AxleResult": {"Outcome": _OUTCOME, "Sequence": _SEQUENCE, "TotalToe": _SUM, "CamberDifference": _SUM},
+    "AxleResult": {"Outcome": _OUTCOME, "Sequence": SEQUENCE, "TotalToe": _SUM, "CamberDifference": _SUM},
 }
 _MESSAGES_OF_3 = {"VehicleReference", "WheelAxis", "LiveAge", *GEOMETRY_MESSAGES.values()}
 _SIGNALS_OF_3 = {"InterfaceMajor"}
-_WORDS_OF_3 = {*RESERVED_MODES, *RESERVED_CODES, CommandCode.STEP, ErrorCode.WRONG_INTERFACE}
+_WORDS_OF_3 = {
+    *RESERVED_MODES,
+    *RESERVED_CODES,
+    Mode.SWEEP,
+    CommandCode.STEP,
+    ErrorCode.WRONG_INTERFACE,
+    ErrorCode.NOTHING_TO_STEP,
+    ErrorCode.SWEEP_FAULT,
+    ErrorCode.STEERING_FAULT,
+}
 Needs = Mapping[str, Mapping[str, Need]]
 """By message, by signal."""
 

@@ -99,7 +99,17 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         f"Command.InterfaceMajor says so, where 0 means {UNSTATED_MAJOR}.",
         "Bring the controller's program to the station's interface; StationInfo says which it is.",
     ),
-    ErrorCode.NOTHING_TO_STEP: _reserved(Part.CYCLE, "A step that no sweep or guidance waits for."),
+    ErrorCode.NOTHING_TO_STEP: Meaning(
+        Part.CYCLE,
+        "No sweep of this start waits for a step.",
+        "Send step only while Status shows the state turning, with the position that SweepProgress wants.",
+    ),
+    ErrorCode.STEP_INCOMPLETE: Meaning(
+        Part.LINE,
+        "No SweepStep arrived with this sequence number and a position within two seconds before the "
+        "command, with good CRC and counter.",
+        "Send it again; the standing command is looked at again with each frame.",
+    ),
     ErrorCode.CAMERA_FAULT: Meaning(
         Part.CAMERAS,
         "A camera was lost, or delivered no image in time.",
@@ -152,9 +162,19 @@ MEANINGS: dict[ErrorCode, Meaning] = {
         "Adjusting was not stopped within the configured time; the cycle was aborted.",
         "Start again with a new number.",
     ),
-    ErrorCode.SWEEP_FAULT: _reserved(Part.CYCLE, "A sweep of the steering that failed."),
+    ErrorCode.SWEEP_FAULT: Meaning(
+        Part.CYCLE,
+        "A sweep of the steering brought no steering axes: it was stopped, its step did not come in time, a "
+        "position could not be measured, or what was measured is no steering axis; the record says which.",
+        "Look at the record, set the wheels straight ahead, and start again with a new number.",
+    ),
     ErrorCode.GUIDANCE_FAULT: _reserved(Part.CYCLE, "Guidance of the operator that failed."),
-    ErrorCode.STEERING_FAULT: _reserved(Part.CYCLE, "A steering wheel whose angle is not known."),
+    ErrorCode.STEERING_FAULT: Meaning(
+        Part.CYCLE,
+        "The steering wheel's angle was lost, stood still while steps were claimed, jumped, or is not the "
+        "one that was wanted; the record says which.",
+        "Check the sensor and what turns the steering, and start again with a new number.",
+    ),
     ErrorCode.LOCATE_FAULT: _reserved(Part.MEASUREMENT, "Places on the vehicle that were not found."),
 }
 """By code; every code has its row."""

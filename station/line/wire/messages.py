@@ -11,7 +11,16 @@ import enum
 from dataclasses import dataclass
 
 from alignment.vehicle import ThrustSign
-from station.cycle import NO_GEOMETRY, AxisKind, ErrorCode, GeometryAnswer, Outcome, StationState
+from station.cycle import (
+    NO_GEOMETRY,
+    NO_STEERING,
+    AxisKind,
+    ErrorCode,
+    GeometryAnswer,
+    Outcome,
+    StationState,
+    SteeringAnswer,
+)
 
 
 class HandshakeState(enum.StrEnum):
@@ -21,7 +30,8 @@ class HandshakeState(enum.StrEnum):
     announced. BUSY: a start was accepted. ADJUSTING: so was one in the mode adjust, and live angles go out.
     ENDING: the running cycle was aborted and ends. HELD: results went out and wait for their
     acknowledgement. CLOSING: they were acknowledged, which is being stored. RESETTING: a reset waits for the
-    cycle. FAULT: only a reset leads out.
+    cycle. FAULT: only a reset leads out. SWEEPING: a start in the mode sweep was accepted, and images of a
+    position are taken. TURNING: the steering is to be turned to the next one, and a step is awaited.
     """
 
     STARTING = "starting"
@@ -34,10 +44,15 @@ class HandshakeState(enum.StrEnum):
     CLOSING = "closing"
     RESETTING = "resetting"
     FAULT = "fault"
+    SWEEPING = "sweeping"
+    TURNING = "turning"
 
 
 class CommandCode(enum.StrEnum):
-    """What the controller asks; the words of the DBC's value table. STEP is reserved: no station takes it."""
+    """What the controller asks; the words of the DBC's value table.
+
+    STEP: the steering was turned to the position that the sweep wanted.
+    """
 
     NONE = "none"
     PREPARE = "prepare"
@@ -72,13 +87,14 @@ class Part(enum.StrEnum):
 
 @dataclass(frozen=True)
 class VehicleReport:
-    """The vehicle as the controller reads it: verdict on all, thrust angle (None: invalid), geometry."""
+    """The vehicle as the controller reads it: verdict, thrust angle (None: invalid), geometry, steering."""
 
     outcome: Outcome
     thrust_angle_deg: float | None
     thrust_angle_u95_deg: float | None
     thrust_sign: ThrustSign
     geometry: GeometryAnswer = NO_GEOMETRY
+    steering: SteeringAnswer = NO_STEERING
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,21 @@ def rounded_up(database: LineDatabase, message: str, signal: str, value: float |
     return math.ceil(checked / step - 1e-9) * step
 
 
+def bounded(database: LineDatabase, message: str, signal: str, value: float | None) -> Value:
+    """A value, or the end of the signal's range that it lies beyond; None is the word invalid."""
+    if value is None:
+        return INVALID
+    lowest, highest = database.range_of(message, signal)
+    return min(max(value, lowest), highest)
+
+
+def milliseconds(database: LineDatabase, message: str, signal: str, seconds: float | None) -> Value:
+    """A time for a signal in milliseconds, at most the end of its range; None is the word invalid."""
+    if seconds is None:
+        return INVALID
+    return min(round(1000.0 * seconds), int(database.range_of(message, signal)[1]))
+
+
 def read_number(value: Value) -> float | None:
     """The number that was decoded; None for the word invalid."""
     return None if value == INVALID else float(value)

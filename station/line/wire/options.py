@@ -20,14 +20,14 @@ class LineOptions:
     live_age_s
         Live angles older than this are shown as stale.
     modes
-        Modes that this station serves.
+        Modes that this station serves; that of a sweep only where a vehicle type says how.
     software
         Version of the program.
     """
 
     communication_timeout_s: float | None = None
     live_age_s: float = 1.0
-    modes: frozenset[Mode] = SERVED_MODES
+    modes: frozenset[Mode] = SERVED_MODES - {Mode.SWEEP}
     software: tuple[int, int, int] = (0, 0, 0)
 
 

@@ -1,7 +1,7 @@
 """What the next minor versions of the interface will use: reserved, so that they only add to it.
 
-Nothing here is sent or taken yet. A start in a reserved mode is refused as one that the station has not, the
-command step as an unknown one; no message of a line may lie in reserved identifiers.
+Nothing here is sent or taken yet. A start in a reserved mode is refused as one that the station has not; no
+message of a line may lie in reserved identifiers.
 """
 
 from __future__ import annotations
@@ -9,53 +9,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from station.cycle import ErrorCode, Mode
-from station.line.wire.messages import CommandCode
 
 
 @dataclass(frozen=True)
 class Reserved:
-    """What is reserved for one mode: identifiers of the station's messages, commands, error codes."""
+    """What is reserved for one mode: identifiers of the station's messages, as far as free; error codes."""
 
     mode: Mode
     what: str
     identifiers: range
-    commands: tuple[CommandCode, ...]
-    codes: tuple[ErrorCode, ...]
+    codes: tuple[ErrorCode, ...] = ()
 
 
 RESERVED_FOR_MODES = (
-    Reserved(
-        Mode.SWEEP,
-        "the steering is turned through angles, for the steering axis",
-        range(0x180, 0x190),
-        (CommandCode.STEP,),
-        (ErrorCode.NOTHING_TO_STEP, ErrorCode.SWEEP_FAULT),
-    ),
+    Reserved(Mode.SWEEP, "the steering is turned through angles, for its axes", range(0x18F, 0x190)),
     Reserved(
         Mode.GUIDANCE,
-        "the operator is told what to turn, and by how much",
-        range(0x190, 0x1A0),
-        (CommandCode.STEP,),
-        (ErrorCode.NOTHING_TO_STEP, ErrorCode.GUIDANCE_FAULT),
+        "the operator is told what to turn, without adjusting being asked for",
+        range(0x198, 0x1A0),
+        (ErrorCode.GUIDANCE_FAULT,),
     ),
-    Reserved(
-        Mode.STEERING,
-        "the steering wheel is held straight ahead",
-        range(0x1A0, 0x1B0),
-        (),
-        (ErrorCode.STEERING_FAULT,),
-    ),
+    Reserved(Mode.STEERING, "the steering wheel is held straight ahead", range(0x1A7, 0x1B0)),
     Reserved(
         Mode.LOCATE,
         "places on the vehicle are found, for whoever works there",
         range(0x1B0, 0x1C0),
-        (),
         (ErrorCode.LOCATE_FAULT,),
     ),
 )
-CONTROLLER_IDENTIFIERS = range(0x111, 0x120)
+CONTROLLER_IDENTIFIERS = range(0x115, 0x120)
 """Identifiers of what the controller will say in these modes."""
-RESERVED_COMMANDS = frozenset(command for each in RESERVED_FOR_MODES for command in each.commands)
 
 
 def reserved_for(identifier: int) -> str | None:

@@ -11,6 +11,7 @@ from alignment.errors import InputError, LineError
 from alignment.vehicle import ThrustSign
 from station.cycle import (
     NO_GEOMETRY,
+    NO_STEERING,
     AxisKind,
     AxleAnswer,
     GeometryAnswer,
@@ -19,6 +20,7 @@ from station.cycle import (
     Outcome,
     Quality,
     QuantityState,
+    SteeringAnswer,
     VehicleAnswer,
     WheelAnswer,
     vehicle_outcome,
@@ -26,8 +28,14 @@ from station.cycle import (
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.dbc_needs import INVALID
 from station.line.wire.messages import LiveAge, VehicleReport
-from station.line.wire.numbers import fitting, read_number, rounded_up
+from station.line.wire.numbers import fitting, milliseconds, read_number, rounded_up
+from station.line.wire.steering_frames import steering_frames
 from station.line.wire.vehicle_frames import geometry_frames
+
+_WORDS = (
+    "Kind", "State", "RunOutState", "Reference", "Between", "Correction", "StraightAhead", "LeftState",
+    "RightState",
+)  # fmt: skip
 
 
 def wheel_frames(database: LineDatabase, sequence: int, answer: WheelAnswer) -> tuple[can.Message, ...]:
@@ -125,12 +133,8 @@ def frames_of_live(database: LineDatabase, live: LiveAngles, age: LiveAge) -> tu
     """Age and angles of one wheel that is adjusted, in the order of sending; raises like `wheel_frames`."""
     ending = database.wheels[live.wheel]
     name, aged = f"LiveAngles{ending}", f"LiveAge{ending}"
-    milliseconds: Value = INVALID
-    if age.age_s is not None:
-        milliseconds = min(round(1000.0 * age.age_s), int(database.range_of(aged, "Age")[1]))
-    return database.encode(
-        aged, {"Kind": str(age.kind), "Shot": age.shot, "Age": milliseconds}
-    ), database.encode(
+    age_ms = milliseconds(database, aged, "Age", age.age_s)
+    return database.encode(aged, {"Kind": str(age.kind), "Shot": age.shot, "Age": age_ms}), database.encode(
         name,
         {
             "State": str(live.state),
@@ -148,7 +152,7 @@ def blank_frames(database: LineDatabase) -> list[can.Message]:
         "Quality": str(Quality.NONE),
         "Sequence": 0,
         "ThrustSign": "left_positive",
-        **dict.fromkeys(("Kind", "State", "RunOutState", "Reference", "Between"), "none"),
+        **dict.fromkeys(_WORDS, "none"),
     }
     frames = []
     for name in database.result_messages:
@@ -205,8 +209,12 @@ def read_axle(axle: str, result: Mapping[str, Value], uncertainty: Mapping[str, 
         raise LineError(f"the result of the {axle} axle contradicts itself: {error}") from error
 
 
-def read_vehicle(result: Mapping[str, Value], geometry: GeometryAnswer = NO_GEOMETRY) -> VehicleReport:
-    """Verdict and thrust angle from the decoded message, beside the geometry.
+def read_vehicle(
+    result: Mapping[str, Value],
+    geometry: GeometryAnswer = NO_GEOMETRY,
+    steering: SteeringAnswer = NO_STEERING,
+) -> VehicleReport:
+    """Verdict and thrust angle from the decoded message, beside geometry and steering.
 
     Raises
     ------
@@ -220,6 +228,7 @@ def read_vehicle(result: Mapping[str, Value], geometry: GeometryAnswer = NO_GEOM
             thrust_angle_u95_deg=read_number(result["ThrustAngleU95"]),
             thrust_sign=cast("ThrustSign", str(result["ThrustSign"])),
             geometry=geometry,
+            steering=steering,
         )
     except ValueError as error:
         raise LineError(f"the result of the vehicle contradicts itself: {error}") from error
@@ -309,6 +318,7 @@ def result_frames(
     for name in database.axles:
         frames += axle_frames(database, sequence, axles.get(name) or AxleAnswer(name, Outcome.NOT_REQUESTED))
     frames += geometry_frames(database, sequence, vehicle.geometry)
+    frames += steering_frames(database, sequence, vehicle.steering)
     frames.append(vehicle_frame(database, sequence, overall, vehicle))
     return overall, frames
 

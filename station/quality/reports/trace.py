@@ -9,7 +9,7 @@ from typing import Any
 from uuid import UUID
 
 from alignment.errors import InputError
-from db.exports import USUAL_K, AngleRow, angle_rows
+from db.exports import STEERED_WHEELS, USUAL_K, AngleRow, angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
 from db.records import StoredCycle, Unit, WheelRecord
 from station.quality.reports.report import Section, TableRow, shown_time
@@ -73,7 +73,8 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             {"wheels": len(wheels)},
             "Load: by how much the weight on the tyre moved its sidewall, which was taken off. Phase of a "
             "run-out: where the tyre stood out farthest, 0° at the top, counter-clockwise seen from "
-            "outboard. Share of the tyres: what of the variance of toe comes from the spread of tyre widths.",
+            "outboard. Share of the tyres: what of the variance of toe comes from the spread of tyre widths. "
+            "Raw: as measured, where toe is that of straight ahead or angles are those of the design height.",
             brief=(
                 "time",
                 "wheel",
@@ -83,6 +84,10 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
                 "run_out_phase_deg",
                 "toe_u95_deg",
                 "tyre_share_percent",
+                "straight_ahead",
+                "toe_raw_deg",
+                "camber_raw_deg",
+                "ride_height_mm",
             ),
         ),
         *_explaining(history),
@@ -100,7 +105,8 @@ def _value_row(row: AngleRow, what: str) -> TableRow:
         what: row.characteristic, **numbers, "verdict": row.verdict,
         "reason": row.reason_text, "part_verdict": row.part_verdict, "outcome": row.outcome,
         "method": row.method, "degraded": row.degraded, "reference": row.reference,
-        "between": row.end_points,
+        "between": row.end_points, "straight_ahead": row.straight_ahead,
+        "raw_deg": row.raw_deg, "ride_height": row.ride_height, "ride_height_mm": row.ride_height_mm,
         "calibration": row.calibration_id, "zero": row.zero_measurement_id,
         "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
     }  # fmt: skip
@@ -110,6 +116,8 @@ def _wheel_row(stored: StoredCycle, wheel: WheelRecord) -> TableRow:
     """Of what the angles of a wheel are, what was taken off, and what its toe's uncertainty is made of."""
     k = wheel.coverage_factor or USUAL_K
     phase, toe_u, tyre_u = wheel.run_out_phase, wheel.toe_u, wheel.toe_tyre_u
+    steering = stored.record.steering
+    steered = steering is not None and wheel.wheel in STEERED_WHEELS
     return {
         "time": shown_time(stored.record.received_utc), "wheel": wheel.wheel,
         "kind": None if wheel.kind is None else str(wheel.kind), "load_mm": wheel.load_mm,
@@ -118,6 +126,11 @@ def _wheel_row(stored: StoredCycle, wheel: WheelRecord) -> TableRow:
         "run_out_phase_deg": None if phase is None else math.degrees(phase),
         "toe_u95_deg": None if toe_u is None else math.degrees(k * toe_u),
         "tyre_share_percent": None if tyre_u is None or not toe_u else 100.0 * (tyre_u / toe_u) ** 2,
+        "straight_ahead": steering.straight_ahead if steered and steering is not None else None,
+        "toe_raw_deg": None if wheel.toe_raw is None else math.degrees(wheel.toe_raw),
+        "camber_raw_deg": None if wheel.camber_raw is None else math.degrees(wheel.camber_raw),
+        "ride_height": wheel.ride_height, "ride_height_mm": wheel.ride_height_mm,
+        "design_height_mm": wheel.design_height_mm, "warning": wheel.warning,
         "cycle": str(stored.record.uuid),
     }  # fmt: skip
 

@@ -26,7 +26,8 @@ from station.configuration.settings import (
     StationSettings,
     station_model,
 )
-from station.configuration.vehicle_types import Tolerance, VehicleType
+from station.configuration.tolerances import Tolerance
+from station.configuration.vehicle_types import VehicleType
 from station.rehearsal.simulation import OpticsOptions, PatternOptions, SimulationConfig
 
 NEEDED: dict[type[BaseModel], dict[str, Any]] = {

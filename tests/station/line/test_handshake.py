@@ -17,10 +17,11 @@ from station.cycle.words import (
     Mode,
     Prepare,
     Reset,
+    Step,
     Stop,
     Trigger,
 )
-from station.line.handshake import COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
+from station.line.handshake import BEGINS, COMMANDS, EVENTS, OPEN, Asked, Event, Handshake, Request
 from station.line.wire.messages import Answer, CommandCode
 from station.line.wire.messages import HandshakeState as State
 
@@ -36,7 +37,13 @@ CODES = {
     Request.ACKNOWLEDGE_SAME: (CommandCode.ACKNOWLEDGE, OWN),
     Request.ACKNOWLEDGE_OTHER: (CommandCode.ACKNOWLEDGE, OTHER),
     Request.RESET: (CommandCode.RESET, OTHER),
+    Request.STEP_NEXT: (CommandCode.STEP, OWN),
+    Request.STEP_TAKEN: (CommandCode.STEP, OWN),
+    Request.STEP_OTHER: (CommandCode.STEP, OTHER),
 }
+STEPS = frozenset({Request.STEP_NEXT, Request.STEP_TAKEN, Request.STEP_OTHER})
+TAKEN, NEXT = 2, 3
+"""Of the sweep of `handshake_in`."""
 TOLD = {
     CommandCode.PREPARE: Prepare,
     CommandCode.START: Trigger,
@@ -44,22 +51,39 @@ TOLD = {
     CommandCode.ABORT: Abort,
     CommandCode.ACKNOWLEDGE: Acknowledge,
     CommandCode.RESET: Reset,
+    CommandCode.STEP: Step,
 }
 NONE = Asked(CommandCode.NONE, 0)
 START = Asked(CommandCode.START, OWN, ("front_left",), 7, Mode.AUTOMATIC, "VIN", 1.5)
 
 
-def handshake_in(state: State) -> Handshake:
-    """A handshake in this state, whose start in hand (or last) is OWN, by an ordinary way."""
+def handshake_in(state: State, mode: Mode = Mode.AUTOMATIC) -> Handshake:
+    """A handshake in this state, whose start in hand (or last) is OWN, by an ordinary way.
+
+    In the mode sweep positions up to TAKEN were taken, and NEXT is the next one.
+    """
     handshake = Handshake()
     if state is State.STARTING:
         return handshake
     handshake.happened(Event.CYCLE_READY)
     handshake.asked(NONE)
-    handshake.asked(replace(START, mode=Mode.ADJUST if state is State.ADJUSTING else Mode.AUTOMATIC))
+    modes = {State.ADJUSTING: Mode.ADJUST, State.SWEEPING: Mode.SWEEP, State.TURNING: Mode.SWEEP}
+    mode = modes.get(state, mode)
+    handshake.asked(replace(START, mode=mode))
+    if mode is Mode.SWEEP:
+        for position in range(1, NEXT):
+            handshake.want(position)
+            assert isinstance(handshake.asked(step_to(position)), Step)
+        assert handshake.state is State.SWEEPING
+        if state not in (State.SWEEPING, State.TURNING):
+            handshake.happened(Event.SWEEP_OVER)
+        elif state is State.TURNING:
+            handshake.want(NEXT)
     ways: dict[State, list[Asked | Event]] = {
         State.BUSY: [],
         State.ADJUSTING: [],
+        State.SWEEPING: [],
+        State.TURNING: [],
         State.ENDING: [Asked(CommandCode.ABORT, OWN)],
         State.HELD: [Event.RESULTS_SENT],
         State.CLOSING: [Event.RESULTS_SENT, Asked(CommandCode.ACKNOWLEDGE, OWN)],
@@ -79,26 +103,38 @@ def handshake_in(state: State) -> Handshake:
     return handshake
 
 
+def step_to(position: int, sequence: int = OWN, angle_deg: float | None = 90.0) -> Asked:
+    return Asked(CommandCode.STEP, sequence, position=position, angle_deg=angle_deg)
+
+
 def test_table_names_every_state_and_every_command() -> None:
     assert set(COMMANDS) == set(State)
     assert all(set(rules) == set(Request) for rules in COMMANDS.values())
     assert set(EVENTS) == set(Event)
 
 
-# Before the first start and after a reset there is no number that could be the same.
+# Before the first start and after a reset there is no number that could be the same, and what is adjusted is
+# not swept.
+NEVER = {*itertools.product((State.STARTING, State.RESETTING), (Request.STEP_NEXT, Request.STEP_TAKEN))}
+NEVER.add((State.ADJUSTING, Request.STEP_TAKEN))
 CELLS = [
     (state, request)
     for state, request in itertools.product(State, Request)
-    if state not in (State.STARTING, State.RESETTING) or not request.value.endswith("same number")
+    if (state not in (State.STARTING, State.RESETTING) or not request.value.endswith("same number"))
+    and (state, request) not in NEVER
 ]
 
 
 @pytest.mark.parametrize(("state", "request_"), CELLS)
 def test_every_cell_of_the_table(state: State, request_: Request) -> None:
-    handshake = handshake_in(state)
+    swept = request_ in STEPS and state is not State.ADJUSTING
+    handshake = handshake_in(state, Mode.SWEEP if swept else Mode.AUTOMATIC)
     sequence = handshake.sequence
     code, number = CODES[request_]
     asked = Asked(code, number, ("rear_left",), 3, Mode.AUTOMATIC, "VIN", 2.5)
+    if request_ in STEPS:
+        position = {Request.STEP_NEXT: NEXT if swept else 1, Request.STEP_TAKEN: TAKEN}.get(request_, NEXT)
+        asked = replace(asked, position=position, angle_deg=-12.5)
     told = handshake.asked(asked)
     rule = COMMANDS[state][request_]
     assert handshake.state is (rule.target or state)
@@ -109,6 +145,8 @@ def test_every_cell_of_the_table(state: State, request_: Request) -> None:
     if rule.deliver:
         assert isinstance(told, TOLD[code])
         assert told.sequence == number
+        if code is CommandCode.STEP:
+            assert told == Step(OWN, NEXT, -12.5)
     else:
         assert told is None
     moved = rule.target in (State.BUSY, State.RESETTING) and code in (CommandCode.START, CommandCode.RESET)
@@ -130,30 +168,35 @@ def test_every_event_in_every_state(state: State, event: Event) -> None:
         return
     told = handshake.happened(event)
     assert handshake.state is EVENTS[event].get(state, state)
-    lost = event is Event.LINK_LOST and state is State.ADJUSTING
+    lost = event is Event.LINK_LOST and state in (State.ADJUSTING, State.SWEEPING, State.TURNING)
     assert told == (Abort(OWN, ErrorCode.COMMUNICATION_LOST) if lost else None)
 
 
 # The table once more, by hand: what the program's own table must say. A word with ">" leads to a state and is
 # told to the cycle, "-" is harmless, anything else is the error code; columns are in the order of `Request`.
 EXPECTED = {
-    State.STARTING: " ".join(["starting"] * 10),
+    State.STARTING: " ".join(["starting"] * 13),
     State.READY: ">prepared >busy sequence_used nothing_to_stop nothing_to_stop"
-    " - wrong_sequence - wrong_sequence >resetting",
-    State.PREPARED: ">prepared >busy sequence_used >ready >ready >ready >ready - wrong_sequence >resetting",
+    " - wrong_sequence - wrong_sequence >resetting nothing_to_step nothing_to_step wrong_sequence",
+    State.PREPARED: ">prepared >busy sequence_used >ready >ready >ready >ready - wrong_sequence >resetting"
+    " nothing_to_step nothing_to_step wrong_sequence",
     State.BUSY: "busy busy - nothing_to_stop wrong_sequence >ending wrong_sequence"
-    " nothing_to_acknowledge wrong_sequence >resetting",
+    " nothing_to_acknowledge wrong_sequence >resetting nothing_to_step - wrong_sequence",
     State.ADJUSTING: "busy busy - >busy wrong_sequence >ending wrong_sequence"
-    " nothing_to_acknowledge wrong_sequence >resetting",
+    " nothing_to_acknowledge wrong_sequence >resetting nothing_to_step nothing_to_step wrong_sequence",
+    State.SWEEPING: "busy busy - >busy wrong_sequence >ending wrong_sequence"
+    " nothing_to_acknowledge wrong_sequence >resetting busy - wrong_sequence",
+    State.TURNING: "busy busy - >busy wrong_sequence >ending wrong_sequence"
+    " nothing_to_acknowledge wrong_sequence >resetting >sweeping - wrong_sequence",
     State.ENDING: "busy busy - nothing_to_stop wrong_sequence - wrong_sequence"
-    " nothing_to_acknowledge wrong_sequence >resetting",
+    " nothing_to_acknowledge wrong_sequence >resetting nothing_to_step - wrong_sequence",
     State.HELD: "not_acknowledged not_acknowledged - nothing_to_stop wrong_sequence"
-    " - wrong_sequence >closing wrong_sequence >resetting",
+    " - wrong_sequence >closing wrong_sequence >resetting nothing_to_step - wrong_sequence",
     State.CLOSING: "busy busy sequence_used nothing_to_stop wrong_sequence"
-    " - wrong_sequence - wrong_sequence >resetting",
-    State.RESETTING: " ".join(["resetting"] * 9) + " >resetting",
+    " - wrong_sequence - wrong_sequence >resetting nothing_to_step - wrong_sequence",
+    State.RESETTING: " ".join(["resetting"] * 9) + " >resetting" + " resetting" * 3,
     State.FAULT: "reset_required reset_required reset_required nothing_to_stop wrong_sequence"
-    " - wrong_sequence - wrong_sequence >resetting",
+    " - wrong_sequence - wrong_sequence >resetting nothing_to_step nothing_to_step wrong_sequence",
 }
 
 
@@ -165,23 +208,27 @@ def test_table_is_what_was_decided(state: State) -> None:
         assert rule.deliver is (leads is not None), request
         refused = word if leads is None and word != "-" else "none"
         assert rule.refusal == refused, request
-        assert rule.again is (state is State.STARTING and request is Request.RESET), request
+        passes = {(State.STARTING, Request.RESET), (State.SWEEPING, Request.STEP_NEXT)}
+        assert rule.again is ((state, request) in passes), request
 
 
 def test_events_lead_where_it_was_decided() -> None:
     ready = {State.STARTING, State.CLOSING, State.RESETTING, State.FAULT}
+    watched = {State.ADJUSTING, State.SWEEPING, State.TURNING}
+    running = {State.BUSY, *watched, State.ENDING}
     assert {
         Event.CYCLE_READY: dict.fromkeys(ready, State.READY),
         Event.CYCLE_FAULT: dict.fromkeys(State, State.FAULT),
-        Event.RESULTS_SENT: dict.fromkeys((State.BUSY, State.ADJUSTING, State.ENDING), State.HELD),
-        Event.START_REFUSED: dict.fromkeys(
-            (State.PREPARED, State.BUSY, State.ADJUSTING, State.ENDING), State.READY
-        ),
+        Event.RESULTS_SENT: dict.fromkeys(running, State.HELD),
+        Event.START_REFUSED: dict.fromkeys({State.PREPARED, *running}, State.READY),
         Event.RESULTS_RESTORED: {State.STARTING: State.HELD},
         Event.PREPARE_EXPIRED: {State.PREPARED: State.READY},
-        Event.LINK_LOST: {State.PREPARED: State.READY, State.ADJUSTING: State.ENDING},
+        Event.LINK_LOST: {State.PREPARED: State.READY, **dict.fromkeys(watched, State.ENDING)},
+        Event.POSITION_WANTED: {State.SWEEPING: State.TURNING},
+        Event.SWEEP_OVER: dict.fromkeys((State.SWEEPING, State.TURNING), State.BUSY),
     } == EVENTS
-    assert {State.BUSY, State.ADJUSTING, State.ENDING} == OPEN
+    assert running == OPEN
+    assert {Mode.ADJUST: State.ADJUSTING, Mode.SWEEP: State.SWEEPING} == BEGINS
 
 
 def test_refused_commands_and_repetitions_change_nothing() -> None:
@@ -200,7 +247,7 @@ def test_a_reset_leads_out_of_every_state_and_an_abort_out_of_every_cycle() -> N
     for state in set(State) - {State.STARTING}:
         if state is not State.RESETTING:
             assert COMMANDS[state][Request.RESET].target is State.RESETTING
-    for state in (State.BUSY, State.ADJUSTING):
+    for state in OPEN - {State.ENDING}:
         assert COMMANDS[state][Request.ABORT_SAME].target is State.ENDING
 
 
@@ -374,22 +421,29 @@ COMMANDS_IN = st.builds(
     sequence=st.integers(1, 3),
     wheels=st.just(("front_left",)),
     mode=st.sampled_from(Mode),
-    trouble=st.sampled_from([ErrorCode.NONE, ErrorCode.VIN_INCOMPLETE, ErrorCode.NO_WHEELS]),
+    trouble=st.sampled_from(
+        [ErrorCode.NONE, ErrorCode.VIN_INCOMPLETE, ErrorCode.NO_WHEELS, ErrorCode.STEP_INCOMPLETE]
+    ),
+    position=st.integers(0, 4),
 )
+WANTED = st.integers(1, 4)
 
 
-@given(st.lists(COMMANDS_IN | st.sampled_from(Event), max_size=40))
+@given(st.lists(COMMANDS_IN | st.sampled_from(Event) | WANTED, max_size=40))
 def test_no_history_yields_two_triggers_without_an_end_between_or_results_without_a_start(
-    history: list[Asked | Event],
+    history: list[Asked | Event | int],
 ) -> None:
     handshake = Handshake()
     open_start: int | None = None
     for step in history:
-        if isinstance(step, Event):
+        if isinstance(step, int):
+            handshake.want(step)
+            told: Command | None = None
+        elif isinstance(step, Event):
             if step is Event.RESULTS_SENT and not handshake.busy:
                 continue
             handshake.happened(step)
-            told: Command | None = None
+            told = None
         else:
             told = handshake.asked(step)
         if isinstance(told, Trigger):
@@ -450,7 +504,127 @@ def test_of_a_controller_of_another_interface_nothing_is_taken_in_any_state(
     handshake = handshake_in(state)
     sequence = handshake.sequence
     code, number = CODES[request_]
+    assert handshake.asked(NONE) is None
     asked = replace(START, code=code, sequence=number, trouble=ErrorCode.WRONG_INTERFACE)
     assert handshake.asked(asked) is None
     assert (handshake.state, handshake.sequence) == (state, sequence)
     assert (handshake.reply.answer, handshake.reply.refusal) == (Answer.REFUSED, ErrorCode.WRONG_INTERFACE)
+
+
+@given(st.lists(COMMANDS_IN | st.sampled_from(Event) | WANTED, max_size=60))
+def test_a_step_is_told_once_for_each_position_that_was_wanted_and_only_of_the_start_in_hand(
+    history: list[Asked | Event | int],
+) -> None:
+    handshake = Handshake()
+    owed: int | None = None
+    for step in history:
+        told: Command | None = None
+        if isinstance(step, int):
+            before = handshake.state
+            handshake.want(step)
+            owed = step if before in (State.SWEEPING, State.TURNING) else None
+        elif isinstance(step, Event):
+            if step is not Event.RESULTS_SENT or handshake.busy:
+                handshake.happened(step)
+        else:
+            told = handshake.asked(step)
+        if isinstance(told, Step):
+            assert told.position == owed
+            assert handshake.awaits(told.sequence)
+            assert handshake.state is State.SWEEPING
+            owed = None
+
+
+def test_a_sweep_goes_from_position_to_position_until_it_is_over() -> None:
+    handshake = handshake_in(State.READY)
+    assert isinstance(handshake.asked(replace(START, sequence=8, mode=Mode.SWEEP)), Trigger)
+    assert handshake.state is State.SWEEPING
+    for position in (1, 2, 3):
+        handshake.want(position)
+        assert handshake.state is State.TURNING
+        assert handshake.asked(step_to(position, 8)) == Step(8, position, 90.0)
+        assert handshake.state is State.SWEEPING
+        assert handshake.reply.answer is Answer.ACCEPTED
+    handshake.happened(Event.SWEEP_OVER)
+    assert handshake.state is State.BUSY
+    assert handshake.awaits(8)
+
+
+def test_the_next_step_counts_though_no_frame_between_was_heard() -> None:
+    """All steps of a sweep have one number: the second one would be taken for the first, repeated."""
+    handshake = handshake_in(State.TURNING)
+    assert handshake.asked(step_to(NEXT)) == Step(OWN, NEXT, 90.0)
+    assert handshake.asked(step_to(NEXT)) is None
+    handshake.want(NEXT + 1)
+    assert handshake.asked(step_to(NEXT)) is None
+    assert handshake.state is State.TURNING
+    assert handshake.asked(step_to(NEXT + 1)) == Step(OWN, NEXT + 1, 90.0)
+
+
+def test_a_step_that_comes_while_images_are_taken_stands_until_they_are() -> None:
+    handshake = handshake_in(State.SWEEPING)
+    assert handshake.asked(step_to(NEXT)) is None
+    assert handshake.reply.refusal is ErrorCode.BUSY
+    handshake.want(NEXT)
+    assert handshake.asked(step_to(NEXT)) == Step(OWN, NEXT, 90.0)
+
+
+@pytest.mark.parametrize("position", [0, NEXT + 1, 255])
+@pytest.mark.parametrize("state", [State.TURNING, State.SWEEPING, State.BUSY])
+def test_a_step_to_a_position_that_nobody_wants_is_refused(state: State, position: int) -> None:
+    handshake = handshake_in(state, Mode.SWEEP)
+    assert handshake.asked(step_to(position)) is None
+    assert handshake.reply.refusal is ErrorCode.WRONG_SEQUENCE
+    assert handshake.state is state
+
+
+def test_a_step_waits_for_the_frame_that_says_its_position() -> None:
+    handshake = handshake_in(State.TURNING)
+    asked = Asked(CommandCode.STEP, OWN, trouble=ErrorCode.STEP_INCOMPLETE)
+    assert handshake.asked(asked) is None
+    assert handshake.reply.refusal is ErrorCode.STEP_INCOMPLETE
+    assert handshake.state is State.TURNING
+    assert handshake.asked(step_to(NEXT)) == Step(OWN, NEXT, 90.0)
+
+
+@pytest.mark.parametrize("state", sorted({*State} - {State.TURNING, State.STARTING, State.RESETTING}))
+def test_what_a_step_lacks_does_not_matter_where_none_is_awaited(state: State) -> None:
+    handshake = handshake_in(state, Mode.SWEEP)
+    assert handshake.asked(Asked(CommandCode.STEP, OWN, trouble=ErrorCode.STEP_INCOMPLETE)) is None
+    assert handshake.reply.refusal is ErrorCode.WRONG_SEQUENCE
+    assert handshake.state is state
+
+
+def test_a_position_that_is_wanted_again_is_taken_again() -> None:
+    handshake = handshake_in(State.SWEEPING)
+    handshake.want(TAKEN)
+    handshake.asked(NONE)
+    assert handshake.asked(step_to(TAKEN)) == Step(OWN, TAKEN, 90.0)
+
+
+def test_a_new_sweep_begins_with_its_first_position() -> None:
+    handshake = handshake_in(State.READY, Mode.SWEEP)
+    handshake.asked(replace(START, sequence=8, mode=Mode.SWEEP))
+    handshake.asked(NONE)
+    assert handshake.asked(step_to(NEXT, 8)) is None
+    assert handshake.reply.refusal is ErrorCode.WRONG_SEQUENCE
+    handshake.want(1)
+    handshake.asked(NONE)
+    assert handshake.asked(step_to(1, 8)) == Step(8, 1, 90.0)
+
+
+@pytest.mark.parametrize("state", [State.SWEEPING, State.TURNING])
+def test_a_position_that_comes_too_late_awaits_nothing(state: State) -> None:
+    for code, ended in ((CommandCode.ABORT, State.ENDING), (CommandCode.STOP, State.BUSY)):
+        handshake = handshake_in(state)
+        handshake.asked(Asked(code, OWN))
+        assert handshake.state is ended
+        handshake.want(NEXT)
+        assert handshake.state is ended
+        assert handshake.asked(step_to(NEXT)) is None
+        assert handshake.reply.refusal is ErrorCode.NOTHING_TO_STEP
+
+
+def test_a_step_without_content_means_no_position_and_no_angle() -> None:
+    asked = Asked(CommandCode.STEP, 1)
+    assert (asked.position, asked.angle_deg) == (0, None)

@@ -154,7 +154,7 @@ def test_what_is_reserved_is_in_the_tables_and_nowhere_on_the_bus() -> None:
     assert {each.mode for each in RESERVED_FOR_MODES} == set(Mode) - DEFAULT_OPTIONS.modes
 
 
-@pytest.mark.parametrize("identifier", [0x111, 0x180, 0x1BF])
+@pytest.mark.parametrize("identifier", [0x115, 0x11F, 0x18F, 0x1A7, 0x1BF])
 def test_message_at_a_reserved_identifier_is_refused(tmp_path: Path, identifier: int) -> None:
     number = DATABASE.definition.get_message_by_name("StationInfo").frame_id
     file = tmp_path / "line.dbc"
