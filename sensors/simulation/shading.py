@@ -143,6 +143,15 @@ def _wheel_radiance(
 
 
 @kernel
+def _meet_letters(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, t: float,
+    scales: Array, profile: Array, relief: Singles, deformation: Array | None,
+) -> tuple[float, float, float, float, bool]:  # fmt: skip
+    """`meet_surface` where letters are; a call of its own, so that the many samples without stay lean."""
+    return meet_surface(ox, oy, oz, dx, dy, dz, t, scales, profile, relief, deformation, True)
+
+
+@kernel
 def shade_cells(
     first: int, last: int, kind: NDArray[np.uint8], depth: Array, nodes: Array, camera: Array,
     o: Array, R: Array, surface: Surface, skin: Skin, light: Light, samples: int,
@@ -174,7 +183,7 @@ def shade_cells(
         R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2], R[2, 0], R[2, 1], R[2, 2],
     )  # fmt: skip
     height_px, width_px = out.shape[0] // samples, out.shape[1] // samples
-    corners = np.empty((4, 3))
+    corners, above = np.empty((4, 3)), np.empty(CELL * samples)
     for i in range(first, last):
         for j in range(kind.shape[1]):
             if kind[i, j] != SMOOTH:
@@ -225,30 +234,43 @@ def shade_cells(
                             for b in range(column * samples, min(column + 2, right) * samples):
                                 out[a, b] = value
                 continue
-            lift = 0.0  # of the surface above the interpolated depth: rings and letters, which the mesh lacks
-            for row in range(top, bottom):
-                for column in range(left, right):
-                    xc, yc, ok = unproject_pixel(float(column), float(row), camera)
-                    for a in range(samples):
-                        dv = (a + 0.5) / samples - 0.5
-                        f = (row - top + 0.5 + dv) / CELL
-                        for b in range(samples):
-                            du = (b + 0.5) / samples - 0.5
-                            g = (column - left + 0.5 + du) / CELL
-                            x, y = xc + du * xu + dv * xv, yc + du * yu + dv * yv
-                            dx, dy, dz = (
-                                r00 * x + r01 * y + r02, r10 * x + r11 * y + r12, r20 * x + r21 * y + r22,
-                            )  # fmt: skip
-                            guess = t00 + g * tu + f * (tv + g * tuv)
-                            t, zx, zy, bump, ok = meet_surface(
-                                ox, oy, oz, dx, dy, dz, guess + lift,
-                                scales, profile, relief, deformation, bumpy,
-                            )  # fmt: skip
-                            lift = t - guess if ok else 0.0
-                            out[row * samples + a, column * samples + b] = _wheel_radiance(
-                                ox + t * dx, oy + t * dy, oz + t * dz, dx, dy, dz, zx, zy, bump,
-                                falls if ok else 0, texture, materials, projectors, lines, around,
-                            )  # fmt: skip
+            # A cell's rays bend by a parabola each way: exact to a hundred-thousandth of a pixel.
+            xh, yh, _ = unproject_pixel(left - 0.5 + 0.5 * CELL, top - 0.5, camera)
+            bxu, byu = 4.0 * (xh - x0) - 2.0 * CELL * xu, 4.0 * (yh - y0) - 2.0 * CELL * yu
+            xh, yh, _ = unproject_pixel(left - 0.5, top - 0.5 + 0.5 * CELL, camera)
+            bxv, byv = 4.0 * (xh - x0) - 2.0 * CELL * xv, 4.0 * (yh - y0) - 2.0 * CELL * yv
+            xuv = nodes[i + 1, j + 1, 0] - x0 - CELL * (xu + xv)
+            yuv = nodes[i + 1, j + 1, 1] - y0 - CELL * (yu + yv)
+            # Lift of the surface above the interpolated depth: of rings and letters, which the mesh lacks.
+            # Foretold from three neighbours; mostly one step of Newton's method then does.
+            above[:] = 0.0
+            for a in range((bottom - top) * samples):
+                f = (a + 0.5) / (CELL * samples)
+                before, lift = above[0], 0.0
+                for b in range((right - left) * samples):
+                    g = (b + 0.5) / (CELL * samples)
+                    x = x0 + g * (CELL * xu + f * xuv + (1.0 - g) * bxu) + f * (CELL * xv + (1.0 - f) * bxv)
+                    y = y0 + g * (CELL * yu + f * yuv + (1.0 - g) * byu) + f * (CELL * yv + (1.0 - f) * byv)
+                    dx, dy, dz = (
+                        r00 * x + r01 * y + r02, r10 * x + r11 * y + r12, r20 * x + r21 * y + r22,
+                    )  # fmt: skip
+                    guess = t00 + g * tu + f * (tv + g * tuv)
+                    foretold = above[b] if b == 0 else above[b] + lift - before
+                    if bumpy:
+                        t, zx, zy, bump, ok = _meet_letters(
+                            ox, oy, oz, dx, dy, dz, guess + foretold, scales, profile, relief, deformation
+                        )
+                    else:
+                        t, zx, zy, bump, ok = meet_surface(
+                            ox, oy, oz, dx, dy, dz, guess + foretold,
+                            scales, profile, relief, deformation, False,
+                        )  # fmt: skip
+                    lift = t - guess if ok else 0.0
+                    before, above[b] = above[b], lift
+                    out[top * samples + a, left * samples + b] = _wheel_radiance(
+                        ox + t * dx, oy + t * dy, oz + t * dz, dx, dy, dz, zx, zy, bump,
+                        falls if ok else 0, texture, materials, projectors, lines, around,
+                    )  # fmt: skip
 
 
 @kernel

@@ -13,9 +13,10 @@ from alignment.geometry.cameras import CameraModel, PosedCamera
 from alignment.geometry.transforms import RigidTransform
 from alignment.imaging.plate import Plate
 from sensors.formats import PlateDescription, read_plate, read_plate_session, write_plate_session
+from sensors.simulation import plate as plates
 from sensors.simulation.optics import Optics
 from sensors.simulation.plate import PlateLight, PlateLook, plate_image, plate_light
-from sensors.simulation.plate_rays import covered
+from sensors.simulation.plate_rays import PIXEL_PARTS, RAY_CELL, covered, ray_nodes
 from sensors.simulation.plate_session import (
     PlatePosition,
     PlateSessionSpec,
@@ -118,6 +119,28 @@ def test_a_plate_behind_the_camera_is_not_seen(head_plate: PlateDescription) -> 
     away = PosedCamera(BENT, RigidTransform(np.eye(3), np.array([0.0, 0.0, 400.0])))
     image = plate_light(head_plate.plate, away, RigidTransform.identity(), LOOK, 0.7, EVEN)
     assert image.max() == pytest.approx(LOOK.beyond)
+
+
+@pytest.mark.parametrize("turn", [(0.2, -0.1, 0.3), (1.2, 0.4, 0.0), (1.48, 0.3, 0.0), (1.65, 0.0, 0.4)])
+def test_cells_without_an_edge_are_as_if_their_pixels_were_seen_one_by_one(
+    rig_plate: PlateDescription, turn: tuple[float, float, float]
+) -> None:
+    """From above, flatly, and past the horizon, where parts of a pixel kept whatever was in the memory."""
+    pose = FACING @ RigidTransform.from_rotvec(list(turn), [10.0, -20.0, 0.0])
+    nodes, levels = ray_nodes(BENT), np.array([0.7, 0.04, 0.02])
+    seen = pose.inverse()
+    table = (nodes, np.ascontiguousarray(seen.rotation), seen.translation.copy())
+    table = (*table, *plates._mark_tables(rig_plate.plate), levels)
+    whole = np.full((480 * PIXEL_PARTS, 640 * PIXEL_PARTS), np.nan, dtype=np.float32)
+    plates._plate_radiance(*table, whole)
+    single = np.full_like(whole, np.nan)
+    cells = 0
+    for row, column in np.ndindex(480 // RAY_CELL, 640 // RAY_CELL):
+        cells += plates._plain_cell(row, column, *table) >= 0.0
+    for v, u in np.ndindex(480, 640):
+        plates._shade_pixel(v, u, *table, single)
+    assert cells > 400
+    np.testing.assert_array_equal(whole, single)
 
 
 def test_light_falls_off_away_from_its_top() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,23 @@ def test_lines_fall_on_the_pitch_and_their_middle_has_the_stated_level() -> None
     assert light[3] == 0.0
     half = light_at(projector, across(np.array([0.5]), 0.0, 400.0))
     assert half[0] == pytest.approx(2.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("edge_mm", [0.02, 0.3, 0.7])
+def test_the_flanks_of_a_line_are_the_error_function(edge_mm: float) -> None:
+    """Looked up in a table, as closely as eight bits, or sixteen, can ever tell."""
+    pattern = LinePattern(columns=1, rows=1, missing_rows=(0,), width_mm=0.9, edge_mm=edge_mm)
+    projector = Projector(IDENTITY, pattern, level=1.0, falloff=0.0, focus_mm=400.0)
+    x = np.linspace(-5.0, 5.0, 4001)
+    light = light_at(projector, across(x, 3.0, 400.0)) * (1.0 + (x**2 + 9.0) / 400.0**2)
+
+    def open_to(edge: float) -> np.ndarray:
+        return np.array([math.erf(s) for s in (x + edge) / (edge_mm * math.sqrt(2.0))])
+
+    expected = 0.5 * (open_to(0.45) - open_to(-0.45))
+    near = (np.abs(x) < 0.45 + 3.6 * edge_mm) & (light > 0.0)
+    assert near.sum() > 300
+    assert light[near] == pytest.approx(expected[near], abs=1e-8)
 
 
 def test_light_spreads_with_the_distance_and_lines_widen_out_of_focus() -> None:
