@@ -186,7 +186,7 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundLoad:
     """A surface, its load, and the most by which that lifts it."""
 
     surface: WheelSurface
@@ -211,7 +211,7 @@ class Found:
         return elsewhere < _SHARE_ELSEWHERE * self.model.gain
 
 
-def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> Found | None:
+def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> FoundLoad | None:
     """Find surface and load in turn; bulges alone, or what the start knows."""
     model = every = start
     surface: WheelSurface | None = None
@@ -235,10 +235,10 @@ def _settled(seen: _Seen, before: RevolutionFit, start: LoadModel | None) -> Fou
             break
     if surface is None or cells is None or not _enough(cells):
         return None
-    return Found(surface, seen.fitted(cells, before, every), float(np.abs(lift).max()))
+    return FoundLoad(surface, seen.fitted(cells, before, every), float(np.abs(lift).max()))
 
 
-def _pushed(seen: _Seen, fit: RevolutionFit) -> Found | None:
+def _pushed(seen: _Seen, fit: RevolutionFit) -> FoundLoad | None:
     """The same with side force."""
     found = []
     for by_one_head in (True, False):
@@ -251,7 +251,7 @@ def _pushed(seen: _Seen, fit: RevolutionFit) -> Found | None:
     return _settled(seen, *max(found, key=lambda each: each[1].explained))
 
 
-def believable(found: Found, before: RevolutionFit) -> bool:
+def believable(found: FoundLoad, before: RevolutionFit) -> bool:
     """Tell whether a wheel under load is one: what hides a part of it must not be explained by a load."""
     model, weights = found.model, found.surface.fit.weights
     turned = np.abs(_turned(found.surface.fit, model.turn).normal - before.normal).max()

@@ -15,7 +15,7 @@ from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
 from alignment.stereo.surface import PlaneHypothesis
 from alignment.units import ARCMIN
-from alignment.wheel.load import Found, LoadedWheel, about, believable, carry
+from alignment.wheel.load import FoundLoad, LoadedWheel, about, believable, carry
 from alignment.wheel.load_cells import Cells
 from alignment.wheel.load_hypothesis import problem_of
 from alignment.wheel.search import WheelSurface, find_surface
@@ -228,7 +228,7 @@ def test_what_is_no_wheel_on_a_road_is_not_explained_by_a_load() -> None:
     start = fitted(pool).fit
     wheel = carried(pool)
     assert wheel is not None
-    found = Found(wheel.surface, wheel.model, wheel.lift_mm)
+    found = FoundLoad(wheel.surface, wheel.model, wheel.lift_mm)
     assert believable(found, start)
     leaned = start.normal + 0.018 * start.tilt_axes[1]
     assert not believable(found, replace(start, normal=leaned / np.linalg.norm(leaned)))
