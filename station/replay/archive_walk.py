@@ -17,7 +17,7 @@ _DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFolder:
     """A folder of archived images.
 
     Attributes
@@ -54,7 +54,7 @@ def require_archive(folder: Path) -> None:
         )
 
 
-def archived_folders(archive: Path, first_day: str = "", last_day: str = "~") -> Iterator[Found]:
+def archived_folders(archive: Path, first_day: str = "", last_day: str = "~") -> Iterator[FoundFolder]:
     """Yield the folders of archived images below a folder, sorted by day and name.
 
     Parameters
@@ -82,7 +82,7 @@ def level_of(archive: Path) -> Path:
 
 
 def _is_one(folder: Path) -> bool:
-    if _NAME.fullmatch(folder.resolve().name):
+    if _named(folder):
         # Whatever it has lost.
         return True
     return (folder / ARCHIVED_FILE).exists() or (folder / SHOT_FILE).exists()
@@ -99,7 +99,12 @@ def _folders(folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
-def _found(archive: Path, folder: Path) -> Found:
-    match = _NAME.fullmatch(folder.resolve().name)
+def _named(folder: Path) -> re.Match[str] | None:
+    """What its name tells; one of a year is asked a hundred thousand times, and most say it as they are."""
+    return _NAME.fullmatch(folder.name) or _NAME.fullmatch(folder.resolve().name)
+
+
+def _found(archive: Path, folder: Path) -> FoundFolder:
+    match = _named(folder)
     key = folder.relative_to(archive).as_posix()
-    return Found(key, folder, UUID(match[1]), match[2]) if match else Found(key, folder)
+    return FoundFolder(key, folder, UUID(match[1]), match[2]) if match else FoundFolder(key, folder)

@@ -103,9 +103,12 @@ class Journal:
     ) -> None:
         self._close()
 
-    def entries(self) -> Iterator[Replayed]:
-        """Yield what it holds, each folder once; not those that failed, which are tried again."""
-        seen: set[str] = set()
+    def entries(self, seen: set[str] | None = None) -> Iterator[Replayed]:
+        """Yield what it holds, each folder once; not those that failed, which are tried again.
+
+        The keys of the others are added to `seen`.
+        """
+        seen = set() if seen is None else seen
         for line in self._lines():
             try:
                 found = Replayed.of(json.loads(line))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 
 from alignment.errors import ConfigurationError, FormatError
 from sensors.formats import ARCHIVED_FILE, load_json
-from station.replay.archive_walk import Found, archived_folders, level_of, require_archive
+from station.replay.archive_walk import FoundFolder, archived_folders, level_of, require_archive
 from station.replay.cluster import measure_on_cluster
 from station.replay.journal import Journal, identity, own_place
 from station.replay.pool import measure_in_processes
@@ -63,14 +63,19 @@ class ReplayRequest:
     scheduler: str | None = None
     journal: Path | None = None
     anew: bool = False
+    _of_vehicle: list[FoundFolder] = field(default_factory=list, init=False, repr=False)
 
-    def folders(self) -> Iterator[Found]:
-        """Yield what is to be replayed."""
-        for found in archived_folders(self.archive, self.first_day, self.last_day):
-            if self.vin is None or self._is_of(found, self.vin):
-                yield found
+    def folders(self) -> Iterator[FoundFolder]:
+        """Yield what is to be replayed; for those of a vehicle the archive is looked through once."""
+        every = archived_folders(self.archive, self.first_day, self.last_day)
+        if self.vin is None:
+            yield from every
+            return
+        if not self._of_vehicle:
+            self._of_vehicle.extend(found for found in every if self._is_of(found, self.vin))
+        yield from self._of_vehicle
 
-    def _is_of(self, found: Found, vin: str) -> bool:
+    def _is_of(self, found: FoundFolder, vin: str) -> bool:
         if self.database is not None and self.database.cycles is not None:
             return found.cycle in self.database.cycles
         try:
@@ -124,9 +129,8 @@ def replay_archive(
     summary = ReplaySummary(request.archive, journal=request.journal)
     with Journal(place, of, anew=request.anew) as journal:
         done: set[str] = set()
-        for entry in journal.entries():
+        for entry in journal.entries(done):
             summary.add(entry)
-            done.add(entry.key)
         summary.earlier = len(done)
         for each in _measured(request, done):
             journal.add(each)

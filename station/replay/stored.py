@@ -22,7 +22,7 @@ from db.records import ArchivedShotRecord, CycleRecord, WheelKind, WheelRecord
 from sensors.formats import validate
 from station.configuration import MeasureOptions
 from station.cycle import axle_of
-from station.replay.archive_walk import Found
+from station.replay.archive_walk import FoundFolder
 from station.replay.values import StoredFacts
 
 _LOOSE = 1e-9
@@ -51,7 +51,7 @@ class StoredResults:
         self._stations: set[str] = set()
         self.cycles = None if vin is None else frozenset(cycles_of_vin(reader, vin))
 
-    def facts(self, found: Sequence[Found]) -> dict[str, StoredFacts]:
+    def facts(self, found: Sequence[FoundFolder]) -> dict[str, StoredFacts]:
         """Return by key what the database knows of folders."""
         uuids = sorted({each.cycle for each in found if each.cycle is not None})
         known = archived_cycles(self._reader, uuids)
