@@ -32,7 +32,7 @@ class Maintainer(Reader):
         path.write_text(settings)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(35)
 @pytest.mark.timeout(900)
 def test_whoever_follows_the_page_has_a_calibrated_rig_at_its_end(
     truewheel: Truewheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
