@@ -13,7 +13,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
-	@echo "make test     run the tests, one more at a time than there are cores"
+	@echo "make test     run the tests, two more at a time than there are cores"
 	@echo "make test-fast  those that take less than five seconds each"
 	@echo "make lint     format, style, types, import layers"
 	@echo "make coverage whether every branch of verdict and handshake is run by its own tests"

@@ -89,7 +89,7 @@ def stored(configs: Path, rigs: str, truewheel: Truewheel) -> tuple[str, list[di
     return ended.json["vehicles"][0]["outcome"], [dict(row) for row in rows]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(10)
 def test_a_station_of_emulated_cameras_stores_bit_for_bit_what_one_of_recorded_shots_does(
     configs: Path, shots: Path, truewheel: Truewheel, tmp_path: Path
 ) -> None:

@@ -49,7 +49,7 @@ def error_arcmin(found: WheelMeasurement, truth: tuple[float, float]) -> float:
     return 60.0 * math.hypot(math.degrees(found.camber) - truth[0], math.degrees(found.toe) - truth[1])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(9)
 def test_highlights_of_the_sun_on_a_wet_tyre_are_gone_with_a_dark_exposure() -> None:
     """They lie elsewhere for each camera: 0.26′ wrong without the subtraction, where 0.06′ was claimed."""
     shot, truth = shots(wet=True, sun=True)

@@ -182,7 +182,7 @@ def check_angles(found: Refreshed, in_force: RigCalibration) -> None:
     assert (np.abs(angle_errors(found.calibration)) < 3.0 * predicted).all()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(9)
 def test_rendered_wheels_bring_the_angles_back_after_a_knock() -> None:
     camera: CameraKey = ("head_2", "left")
     in_force = knocked(calibrated(), camera)

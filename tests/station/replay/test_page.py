@@ -27,7 +27,7 @@ def ended(words: list[str]) -> int:
     return int(end.value.code or 0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(16)
 def test_the_commands_of_the_page_do_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,7 +33,7 @@ def test_cycles_of_turning_wheels_are_answered_and_keep_nothing(tmp_path: Path) 
     assert found.growth_mb(4) <= 5.0
 
 
-@pytest.mark.slow(40)
+@pytest.mark.slow(32)
 def test_a_rendered_wheel_on_rollers_is_true_to_a_tenth_of_a_minute() -> None:
     wheel = spun_wheel(study_rig(spin_cycle.PRESET, 1), 0, 0.0, 1)
     assert wheel.series is not None, wheel.reason

@@ -63,7 +63,7 @@ def test_all_together_are_the_root_of_the_squares_and_one_exposure_is_in_no_sum(
     json.dumps(result.as_json(), allow_nan=False)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(22)
 def test_the_budget_of_a_rendered_vehicle_is_that_of_the_page() -> None:
     """The page is written by the study; whoever changes what it rests on writes it anew."""
     result = vehicle_budget.run(0, True, lambda done, doing: None)
