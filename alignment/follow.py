@@ -56,7 +56,7 @@ _FEWEST_SEEN = (
 )
 _MOST_RMS = 1.25  # times what the wheel left at first
 _MOVED = 0.005  # radians, 17′, between two images: a jump, and lines may have been taken for others
-_SAME = 0.003 * np.pi / 10_800.0  # radians, 0.003′: by what following may differ on the very same images
+_SAME = 0.75  # deviations of the image noise by which following may differ on the very same images
 _MORE_EVIDENCE = 2.0  # than at first, that a head moved; then it is for a whole measurement to say
 _MORE_MISFIT = 0.003  # mm
 
@@ -231,7 +231,10 @@ def _whole(
         again, after = _followed(images, settings, begun)
     except (_Doubt, DegenerateInputError):
         return FollowResult(result, None, why)
-    if max(abs(again.camber - result.camber), abs(again.toe - result.toe)) > _SAME:
+    common = sight.rig.angle_covariance
+    noise = np.diag(result.angle_covariance - (0.0 if common is None else common))
+    off = np.array([again.camber - result.camber, again.toe - result.toe])
+    if (off**2 > _SAME**2 * noise).any():
         return FollowResult(result, None, why)
     return FollowResult(result, replace(after, since=0), why)
 
