@@ -200,7 +200,8 @@ def _look_along(
     margin = REACH + 2 + max(half, flank + 1)
     count = (2 * margin + LANES) // LANES * LANES
     across = image.shape[0] if flat else image.shape[1]
-    windows, corners = np.zeros((_BLOCK, count + kernel.size), np.float32), np.empty(_BLOCK, np.int64)
+    windows = np.zeros((_BLOCK, count + kernel.size), np.float32)
+    pixels, corners = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
     table, out_starts = np.empty((rows.size, WIDTH2)), np.zeros_like(starts)
     four = np.empty((4, rows.size))
     n = touched = 0
@@ -211,8 +212,8 @@ def _look_along(
         for first in range(starts[c], starts[c + 1], _BLOCK):
             points = min(_BLOCK, starts[c + 1] - first)
             for k in range(points):
-                pixel = np.int64(np.floor(places[first + k] + moved[c]))
-                corners[k] = max(min(pixel - margin, across - count), 0)
+                pixels[k] = np.int64(np.floor(places[first + k] + moved[c]))
+                corners[k] = max(min(pixels[k] - margin, across - count), 0)
                 if flat:
                     touched += image[corners[k], rows[first + k]]
                 else:
@@ -221,7 +222,7 @@ def _look_along(
             for k in range(points):
                 _load(image, flat, rows[first + k], corners[k], count, windows[k])
             for k in range(points):
-                m = np.int64(np.floor(places[first + k] + moved[c]))
+                m = pixels[k]
                 if m < margin or m + margin >= across:
                     continue
                 grey = windows[k]
@@ -244,8 +245,12 @@ def _look_along(
             n = begin
         out_starts[c + 1] = n
     out_starts[0] = min(touched, 0)  # 0: what is asked for nothing would not be touched
+    # All at once: a loop that compilers turn into vector instructions.
+    zero = np.empty(n)
     for i in range(n):
-        table[i, X] += zero_of_cubic(four[0, i], four[1, i], four[2, i], four[3, i])
+        zero[i] = zero_of_cubic(four[0, i], four[1, i], four[2, i], four[3, i])
+    for i in range(n):
+        table[i, X] += zero[i]
     for c in range(starts.size - 1):
         first, last = out_starts[c], out_starts[c + 1]
         total = 0.0

@@ -30,7 +30,7 @@ from alignment.wheel.revolution_steps import (
 _TUKEY = 4.0  # in robust standard deviations; small, because letters and ring edges are not noise
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
 _CLEANINGS = (1, 4)  # most iterations after each look for disturbed stretches
-_SOME, _WIDE_CUT, _NEAR_STEPS = 1500, 2.0, 3  # points that bring a near start nearer, and how
+_SOME, _WIDE_CUT, _NEAR_STEPS = 1000, 2.0, 3  # points that bring a near start nearer, and how
 _SETTLED = 4e-7  # radians, 0.0014′; the next step would be several times smaller
 
 
