@@ -29,7 +29,7 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-__all__ = ["KERNELS", "UNSAVED", "njit", "prange"]
+__all__ = ["KERNELS", "UNSAVED", "njit", "on_one_core", "prange"]
 
 KERNELS: dict[str, Any] = {}
 """Every compiled function of the modules that were imported, by module and name."""
@@ -181,3 +181,17 @@ def njit(**options: Any) -> Callable[[_Function], _Function]:
         return cast(_Function, kernel)
 
     return declared
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Let kernels that would share their work among all cores keep to that of the thread that calls them.
+
+    Where several threads measure at once, each with all cores, they wait for each other and burn time.
+    """
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from alignment.counting import count_of
 from alignment.errors import DegenerateInputError
 from alignment.imaging.extraction import LEAST_SHARE, MAX_LINES, MAX_POINTS, level_share
 from alignment.imaging.lines import LightLines, extract_many
-from alignment.measure_heads import HeadSums, angles_by_normal, told_apart
+from alignment.measure_heads import HeadSigns, HeadSums, angles_by_normal, told_apart
 from alignment.prepared import PreparedRig
 from alignment.refusals import head_knocked, no_light, no_match, outside, too_bright, warning
 from alignment.stereo.correspondence import Candidates, match_heads
@@ -30,8 +30,10 @@ from alignment.values import (
     RigCalibration,
     StereoImages,
     WheelMeasurement,
+    WheelReference,
 )
 from alignment.vehicle.angles import camber_toe
+from alignment.wheel.load import LoadedWheel
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.reference import wheel_reference
 from alignment.wheel.ridges import fit_ridges
@@ -39,7 +41,8 @@ from alignment.wheel.search import WheelSurface, find_surface
 
 _SOME = 4  # line points of which one tells of the light
 _FEW = 16  # and of which one is enough for a median
-_FULL_SCALE_SHARE = 0.75  # of a head's lines; something bright before a part of them does not spoil the rest
+FULL_SCALE_SHARE = 0.75
+"""Of a head's lines; something bright before a part of them does not spoil the rest."""
 _WHITE_SHARE = 0.25  # of an image without lines; more light hides them than a lamp in view
 _LEAST_FULL_SCALE = 1023  # of a camera whose images have 16 bit
 _FARTHEST_AXIS = 60.0  # mm
@@ -78,48 +81,93 @@ def measure_wheel(
         When the rig was prepared for another depth range than that of the settings, or a head of a
         calibration with covariance cannot see a wheel.
     """
+    return measure_and_show(images, calibration, settings)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a wheel was measured by.
+
+    Attributes
+    ----------
+    heads
+        Numbers of the heads that measured it, of those of the calibration.
+    rig
+        With these heads alone.
+    lines, matched
+        Light lines and their candidates.
+    surface
+        The wheel; where there is a load, without it.
+    loaded
+        The load; None where there is none.
+    signs
+        Of the heads.
+    """
+
+    heads: tuple[int, ...]
+    rig: PreparedRig
+    lines: Sequence[tuple[LightLines, LightLines]]
+    matched: list[Candidates]
+    surface: WheelSurface
+    loaded: LoadedWheel | None
+    signs: HeadSigns
+
+
+def measure_and_show(
+    images: Sequence[StereoImages], calibration: RigCalibration | PreparedRig, settings: MeasureSettings
+) -> tuple[WheelMeasurement | Refusal, Sight | None]:
+    """As `measure_wheel`, and what it was measured by; None of a refused one."""
     rig = PreparedRig.of(calibration, settings)
-    wrong = _check_images(images, rig.calibration)
+    wrong = refused_images(images, rig.calibration)
     if wrong is not None:
-        return wrong
-    result = _measure(images, rig, settings)
+        return wrong, None
+    heads = tuple(range(len(images)))
+    result, sight = _measure(images, rig, heads, settings)
     if isinstance(result, Refusal) and settings.allow_lost_head and len(images) >= _FEWEST_HEADS + 1:
         names = [head.name for head in rig.heads]
         if result.head in names:
-            return _without_head(names.index(result.head), images, rig, settings) or result
-    return result
+            by_others = _without_head(names.index(result.head), images, rig, settings)
+            return by_others if by_others[0] else (result, None)
+    return result, sight
 
 
 def _without_head(
     lost: int, images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
-) -> WheelMeasurement | Refusal:
+) -> tuple[WheelMeasurement | Refusal, Sight | None]:
     """Measure with the other heads alone."""
-    others = [pair for k, pair in enumerate(images) if k != lost]
-    result = _measure(others, rig.without[lost], settings)
-    return replace(result, degraded=True) if isinstance(result, WheelMeasurement) else result
+    others = tuple(k for k in range(len(images)) if k != lost)
+    result, sight = _measure([images[k] for k in others], rig.without[lost], others, settings)
+    return (replace(result, degraded=True) if isinstance(result, WheelMeasurement) else result), sight
 
 
 def _measure(
-    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
-) -> WheelMeasurement | Refusal:
+    images: Sequence[StereoImages], rig: PreparedRig, heads: tuple[int, ...], settings: MeasureSettings
+) -> tuple[WheelMeasurement | Refusal, Sight | None]:
     lines = _lines(images, rig, settings)
     if isinstance(lines, Refusal):
-        return lines
+        return lines, None
     matched = match_heads(lines, rig.geometry, settings.depth_range_mm)
     for candidates, head in zip(matched, rig.heads, strict=True):
         if len(candidates.points) < settings.minimum_points:
-            return no_match(candidates, head, settings)
+            return no_match(candidates, head, settings), None
     pool = PointPool.of(matched)
     slope_limit = float(np.tan(settings.maximum_angle)) + 0.05
     hypotheses = plane_hypotheses(pool.points, pool.group, settings.depth_range_mm, slope_limit)
     surface = find_surface(pool, hypotheses, rig.image_axes)
     if surface is None:
-        return Refusal(
+        nothing = Refusal(
             RefusalCode.NOT_A_WHEEL,
             "the points of the heads do not lie around one axis; check that the wheel stands in the "
             "measuring volume and that nothing else is in view",
         )
-    return _evaluate(lines, matched, pool, surface, rig, settings)
+        return nothing, None
+    told = told_apart(lines, matched, pool, surface, rig, settings)
+    if isinstance(told, Refusal):
+        return told, None
+    loaded, signs = told
+    sight = Sight(heads, rig, lines, matched, surface if loaded is None else loaded.surface, loaded, signs)
+    result = evaluate_sight(sight, settings)
+    return result, sight if isinstance(result, WheelMeasurement) else None
 
 
 def _lines(
@@ -136,7 +184,7 @@ def _lines(
                 return _too_many(head, side)
             if found is None or len(found.points) < settings.minimum_points // 4:
                 return too_bright(head, side) if _is_white(image) else no_light(image, head, side)
-            if _full_scale_share(image, found) > _FULL_SCALE_SHARE:
+            if full_scale_share(image, found) > FULL_SCALE_SHARE:
                 return too_bright(head, side)
         assert left is not None
         assert right is not None
@@ -144,7 +192,8 @@ def _lines(
     return lines
 
 
-def _check_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
+def refused_images(images: Sequence[StereoImages], calibration: RigCalibration) -> Refusal | None:
+    """Refuse images that are not those of the calibration's cameras."""
     if len(images) != len(calibration.heads):
         return Refusal(
             RefusalCode.WRONG_IMAGES,
@@ -180,26 +229,23 @@ def _is_white(image: Image) -> bool:
     return float(np.mean(image >= top)) > _WHITE_SHARE
 
 
-def _full_scale_share(image: Image, lines: LightLines) -> float:
-    """Share of line points whose pixel is at the top of the range; 16-bit cameras may end below 65535."""
-    return level_share(image, lines.points[::_SOME], 255 if image.dtype == np.uint8 else -1)
+def full_scale_share(image: Image, lines: LightLines, some: int = _SOME) -> float:
+    """Share of line points, one of `some`, whose pixel is at full scale; with 16 bit that may be lower."""
+    return level_share(image, lines.points[::some], 255 if image.dtype == np.uint8 else -1)
 
 
-def _evaluate(
-    lines: Sequence[tuple[LightLines, LightLines]],
-    matched: list[Candidates],
-    everything: PointPool,
-    surface: WheelSurface,
-    rig: PreparedRig,
-    settings: MeasureSettings,
+def _place(sight: Sight) -> WheelReference | None:
+    fit, rig = sight.surface.fit, sight.rig
+    return wheel_reference(fit, sight.surface.points.points, rig.calibration, rig.axis_covariance)
+
+
+def evaluate_sight(
+    sight: Sight, settings: MeasureSettings, place: Callable[[Sight], WheelReference | None] = _place
 ) -> WheelMeasurement | Refusal:
-    """Ask whether the surface is a wheel before intact heads, and take its angles from it."""
-    told = told_apart(lines, matched, everything, surface, rig, settings)
-    if isinstance(told, Refusal):
-        return told
-    loaded, signs = told
+    """Take the angles from a surface that is a wheel before intact heads; `place` tells where it stands."""
+    lines, matched, rig = sight.lines, sight.matched, sight.rig
+    surface, loaded, signs = sight.surface, sight.loaded, sight.signs
     judgement = signs.judgement
-    surface = surface if loaded is None else loaded.surface
     sums = HeadSums.of(surface, len(matched))
     try:
         normal, covariance, tilt_axes, rms = _plane(surface, sums.rms, len(matched), settings)
@@ -222,7 +268,7 @@ def _evaluate(
     common = rig.angle_covariance
     reference = None
     if settings.method == "revolution":
-        reference = wheel_reference(surface.fit, surface.points.points, rig.calibration, rig.axis_covariance)
+        reference = place(sight)
     return WheelMeasurement(
         camber=angles[0],
         toe=angles[1],

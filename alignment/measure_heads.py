@@ -15,17 +15,19 @@ from alignment.prepared import PreparedRig
 from alignment.refusals import head_knocked
 from alignment.stereo.correspondence import Candidates
 from alignment.stereo.pool import PointPool
-from alignment.stereo.rows import row_fields
+from alignment.stereo.rows import RowFields, row_fields
 from alignment.values import MeasureSettings, Refusal, RefusalCode, RigCalibration
 from alignment.vehicle.angles import camber_toe_jacobian
 from alignment.wheel.agreement import MOVES, HeadMoves, head_moves, head_sums
 from alignment.wheel.load import LoadedWheel, carry
+from alignment.wheel.revolution import RevolutionFit
 from alignment.wheel.search import WheelSurface
 
 _WORST_RMS = 0.5  # mm; a sidewall that leaves more is not a body of revolution
 _LEAST_SHARE = 0.05  # of a head's points; most may lie on rim and obstacles
 _LEAST_OF_ALL = 0.15  # of the points of all heads; fewer meet on some surface by chance
-_DOUBT = 0.0  # evidence that something moved from which a load is looked for
+DOUBT = 0.0
+"""Evidence that something moved from which a load is looked for."""
 _SHAPE_SHARE = 0.004  # of a load, by which its shapes may miss what a tyre does
 _UNDETERMINED = 1e-6  # of the heads' own movements, what all of them do together
 _DOWN = np.array([0.0, 0.0, -1.0])  # vehicle frame
@@ -103,8 +105,8 @@ def told_apart(
             return _no_wheel(sums.rms)
         moves = head_moves(surface.points.points, surface.points.head, heads, surface.fit)
         judge = judged_shot(lines, matched, surface, sums.rms, rig)
-        plain = _signs(moves, moves.misfits(), sums.numbers, sums.rms, judge, rig)
-        if plain.refusal is None and (plain.judgement.evidence or 0.0) <= _DOUBT:
+        plain = head_signs(moves, moves.misfits(), sums.numbers, sums.rms, judge, rig)
+        if plain.refusal is None and (plain.judgement.evidence or 0.0) <= DOUBT:
             return None, plain
     # What a load lifts before two heads may leave the third one off a surface that these agree on.
     loaded = _loaded(everything, surface, rig)
@@ -116,11 +118,11 @@ def told_apart(
             return few_points
         return plain.refusal if plain.refusal is not None and settings.judge_heads else (None, plain)
     judge = judged_shot(lines, matched, loaded.surface, loaded.noise, rig, loaded.lift_mm)
-    found = _signs(loaded.moves, loaded.misfits(), sums.numbers, loaded.noise, judge, rig)
+    found = head_signs(loaded.moves, loaded.misfits(), sums.numbers, loaded.noise, judge, rig)
     return found.refusal if found.refusal is not None and settings.judge_heads else (loaded, found)
 
 
-def _signs(
+def head_signs(
     moves: HeadMoves,
     misfits: Array,
     numbers: Array,
@@ -128,6 +130,19 @@ def _signs(
     judge: Callable[[HeadMoves], Judgement],
     rig: PreparedRig,
 ) -> HeadSigns:
+    """Judge one exposure.
+
+    Parameters
+    ----------
+    moves, misfits
+        Of the heads; see `HeadMoves`.
+    numbers, noise
+        As of `HeadSigns`.
+    judge
+        Of `judged_shot`.
+    rig
+        Before which the wheel stands.
+    """
     judgement = judge(moves)
     moved = _moved(misfits, numbers, noise, judgement, rig)
     return HeadSigns(moves, numbers, noise, judgement, moved, judge)
@@ -197,12 +212,21 @@ def judged_shot(
 
     `lift_mm` is by how much a load lifts the tyre.
     """
-    fit, model = surface.fit, rig.knock_model
-    if model is None:
+    if rig.knock_model is None:
         return lambda moves: unjudged(len(matched))
+    rows = row_fields(lines, matched, surface.chosen, rig.row_views, surface.fit.height)
+    return judged_by_rows(rows, surface.fit, rms, rig, lift_mm)
+
+
+def judged_by_rows(
+    rows: RowFields, fit: RevolutionFit, rms: float, rig: PreparedRig, lift_mm: float = 0.0
+) -> Callable[[HeadMoves], Judgement]:
+    """As `judged_shot`, of row differences that are known; `fit` is the wheel."""
+    model = rig.knock_model
+    if model is None:
+        return lambda moves: unjudged(len(rows.pairs))
     if lift_mm > 0.0:
         model = model.beside_load(_SHAPE_SHARE * lift_mm)
-    rows = row_fields(lines, matched, surface.chosen, rig.row_views, fit.height)
     turn = angles_by_normal(fit.normal, rig.calibration) @ fit.tilt_axes.T
     normal = fit.normal
     return lambda moves: judge(moves, rms, rows, model, normal, turn)

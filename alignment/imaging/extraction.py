@@ -20,9 +20,11 @@ SIGMA, POINT_STRENGTH = range(2)
 #: Columns of the cross table: place, steep line, flat line, slope dx/dy of the steep and dy/dx of the flat.
 CROSS_COLUMNS = 6
 #: Entries of the counts: points, lines, steep lines, crosses, width in 1/1000 px (0: no lines), points before
-#: they were thinned, whether there was more than can be thinned.
+#: they were thinned, whether there was more than can be thinned; and, in millionths, what the search went by:
+#: the least contrast, and the spreads of steep and of flat lines.
 POINTS, LINES, STEEP_LINES, CROSSES, MILLIWIDTH, FOUND, CROWDED = range(7)
-COUNT_ENTRIES = 7
+CONTRAST, STEEP_SPREAD, FLAT_SPREAD = range(7, 10)
+COUNT_ENTRIES = 10
 
 #: More points and crosses are thinned evenly; more lines are none of a projector's.
 MAX_POINTS, MAX_LINES, MAX_CROSSES = 1 << 16, 1 << 12, 1 << 12
@@ -133,7 +135,7 @@ def _across(spread: float, slope: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _probe_of(width: float) -> tuple[float, int]:
+def probe_of(width: float) -> tuple[float, int]:
     """Deviation of the filter that locates lines of a spread, half the distance of their flanks; pixels."""
     return min(max(_FILTER * width, 1.0), 9.0), max(2, round(1.25 * width))
 
@@ -195,7 +197,7 @@ def _trace(
 
     Some rows show the lines' course; along those that are worth it every row is looked at.
     """
-    probe, box = _probe_of(width)
+    probe, box = probe_of(width)
     one: Any = np.int64(1)  # a literal would make a function of its own
     weights = ridges.derivative_weights(probe)
     step = _scan_step(width, spacing, along_x, along_y)
@@ -259,7 +261,7 @@ def _clean(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _write(
+def write_lines(
     kept: Array,
     starts: Index,
     flat: bool,
@@ -336,6 +338,8 @@ def _extract(
         steep_spread = flat_spread
     if flat_spread == 0.0:
         flat_spread = steep_spread
+    counts[CONTRAST] = round(1e6 * contrast)
+    counts[STEEP_SPREAD], counts[FLAT_SPREAD] = round(1e6 * steep_spread), round(1e6 * flat_spread)
     steep, steep_starts, steep_slope, steep_serves = _trace(
         image, view, no, steep_spread, steep_spacing, contrast, along[0], along[1], least_sine
     )
@@ -360,10 +364,10 @@ def _extract(
     if points.shape[0] < LEAST_SHARE * found:
         counts[CROWDED] = 1
         return
-    n = _write(
+    n = write_lines(
         clear_steep, clear_steep_starts, no, points, tangents, noise, none, line_starts, none, corner, found
     )
-    n = _write(
+    n = write_lines(
         clear_flat,
         clear_flat_starts,
         yes,

@@ -18,6 +18,25 @@ LEAST_SINE = 0.25
 """Of the angle between a line and the epipolar lines, below which a match says nothing of depth."""
 
 
+@dataclass(frozen=True)
+class LineSearch:
+    """What a search for lines went by in one image, so that they can be looked for again.
+
+    Attributes
+    ----------
+    steep_lines
+        Of the lines those that were located along the rows; they come first.
+    contrast
+        Least height of a ridge over its flanks, grey levels.
+    spreads
+        Of steep lines along the rows and of flat ones along the columns, standard deviation, pixels.
+    """
+
+    steep_lines: int
+    contrast: float
+    spreads: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class LightLines:
     """Centres of the light lines of one image; neither their number nor their order is assumed.
@@ -42,6 +61,8 @@ class LightLines:
         Of the points that were found, which are thinned evenly where there are more than the program takes.
     crowded
         True where there were so many lines or points that they cannot be thinned; there are none then.
+    search
+        What they were found by; None where that is not known.
     """
 
     points: Array
@@ -53,6 +74,7 @@ class LightLines:
     crosses: Crosses
     share: float = 1.0
     crowded: bool = False
+    search: LineSearch | None = None
 
     @property
     def count(self) -> int:
@@ -138,6 +160,7 @@ def extract_many(
 def _lines(
     points: Array, tangents: Array, noise: Array, starts: Index, crosses: Array, corner: Array,
     number: int, lines: int, steep_lines: int, meetings: int, milliwidth: int, offered: int, crowded: int,
+    contrast: int, steep_spread: int, flat_spread: int,
 ) -> LightLines | None:  # fmt: skip
     if milliwidth == 0 and not crowded:
         return None
@@ -153,4 +176,5 @@ def _lines(
         crosses=Crosses(found[:, :2] + corner, meet, found[:, 4:6].copy()),
         share=float(number / offered) if offered else 1.0,
         crowded=bool(crowded),
+        search=LineSearch(int(steep_lines), 1e-6 * contrast, (1e-6 * steep_spread, 1e-6 * flat_spread)),
     )

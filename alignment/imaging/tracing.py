@@ -17,16 +17,16 @@ from alignment.kernels import njit
 
 _ASIDE = 2  # pixels that the ridge may lie off the expected place, besides the pixel itself
 _FEWEST = 0.5  # of the rows of a line must show a ridge, else it is none
-_LANES = 16  # a whole number of vector registers
+LANES = 16  # a whole number of vector registers
 _BLOCK = 64  # rows
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _whole_kernel(weights: Singles) -> Singles:
+def whole_kernel(weights: Singles) -> Singles:
     """(K,) the odd kernel whose right half the weights are, filled up to whole registers with zeros."""
     half = weights.size
     length = 2 * half + 1
-    kernel = np.zeros((length + _LANES - 1) // _LANES * _LANES, np.float32)
+    kernel = np.zeros((length + LANES - 1) // LANES * LANES, np.float32)
     for k in range(half):
         kernel[half + 1 + k] = weights[k]
         kernel[half - 1 - k] = -weights[k]
@@ -34,7 +34,7 @@ def _whole_kernel(weights: Singles) -> Singles:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def _response(grey: Singles, first: int, kernel: Singles) -> float:
+def response_at(grey: Singles, first: int, kernel: Singles) -> float:
     """Response whose kernel begins at entry `first`."""
     source = grey[first : first + kernel.size]
     total = np.float32(0.0)
@@ -104,12 +104,12 @@ def follow(
         Columns as of `scan_rows`, but for the width, which the scanned rows have told.
     """
     width, height = view[2] - view[0], view[3] - view[1]
-    kernel = _whole_kernel(weights)
+    kernel = whole_kernel(weights)
     half, flank = weights.size, 2 * box
     reach = max(half, flank + 1)  # on either side of a response
     margin = reach + 2 + _ASIDE
     # Whole registers; what lies behind the last pixel meets only the zeros of the kernel.
-    count = (2 * margin + _LANES) // _LANES * _LANES
+    count = (2 * margin + LANES) // LANES * LANES
     windows = np.zeros((_BLOCK, count + kernel.size), np.float32)
     every_place, every_corner = np.empty(_BLOCK, np.int64), np.empty(_BLOCK, np.int64)
     room = 0
@@ -138,14 +138,14 @@ def follow(
                 grey = windows[k]
                 # The response falls through zero between m and m + 1: walk there.
                 m = places[k] - corners[k]
-                b, c1 = _response(grey, m - half, kernel), _response(grey, m + 1 - half, kernel)
+                b, c1 = response_at(grey, m - half, kernel), response_at(grey, m + 1 - half, kernel)
                 for _ in range(_ASIDE):
                     if c1 > 0.0:
                         m += 1
-                        b, c1 = c1, _response(grey, m + 1 - half, kernel)
+                        b, c1 = c1, response_at(grey, m + 1 - half, kernel)
                     elif b <= 0.0:
                         m -= 1
-                        b, c1 = _response(grey, m - half, kernel), b
+                        b, c1 = response_at(grey, m - half, kernel), b
                 if not (b > 0.0 and c1 <= 0.0):
                     continue
                 centre = 0.25 * float(grey[m - 1] + grey[m] + grey[m + 1] + grey[m + 2])
@@ -153,8 +153,8 @@ def follow(
                 right = float(grey[m + flank] + grey[m + flank + 1] + grey[m + flank + 2])
                 if 3.0 * (centre - contrast) < max(left, right):
                     continue
-                responses[0, n], responses[1, n] = _response(grey, m - 1 - half, kernel), b
-                responses[2, n], responses[3, n] = c1, _response(grey, m + 2 - half, kernel)
+                responses[0, n], responses[1, n] = response_at(grey, m - 1 - half, kernel), b
+                responses[2, n], responses[3, n] = c1, response_at(grey, m + 2 - half, kernel)
                 point = out[n]
                 point[X] = corners[k] + m
                 point[Y] = y + k

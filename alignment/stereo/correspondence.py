@@ -16,7 +16,8 @@ from alignment.values import HeadCalibration
 #: Columns of `Candidates.light`.
 RATIO, LEAN, GAIN = 0, 1, 2
 
-_BRIDGE_PX = 5.0  # longest gap of a right line that is interpolated over
+BRIDGE_PX = 5.0
+"""Longest gap of a right line that is interpolated over."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class Candidates:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _line_slopes(uv: Array, starts: Index, out: Array) -> None:
+def line_slopes(uv: Array, starts: Index, out: Array) -> None:
     """|sin| of the angle between each line and the epipolar direction, in the rectified view."""
     for a in range(starts.size - 1):
         first, last = starts[a], starts[a + 1]
@@ -89,6 +90,43 @@ def _thin(
             sigma[n], spread[n] = sigma[i], spread[i]
             n += 1
     return n
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def write_point(
+    n: int,
+    z: float,
+    origin: tuple[float, float, float],
+    ray_of_one: tuple[float, float, float],
+    norm: float,
+    baseline: float,
+    variance: float,
+    su: float,
+    sr: float,
+    left_strength: float,
+    right_strength: float,
+    along_x: float,
+    along_y: float,
+    points: Array,
+    rays: Array,
+    sigma: Array,
+    spread: Array,
+    light: Array,
+) -> None:
+    """Point at depth z of a left ray, into row n of the last five; see `Candidates`.
+
+    The ray is that of depth 1, of length `norm`; `su` and `sr` are deviations of the left and the right
+    place along the epipolar line, `along_x` and `along_y` the direction of the line in the left image.
+    """
+    point, ray = points[n], rays[n]
+    for k in range(3):
+        point[k], ray[k] = origin[k] + ray_of_one[k] * z, ray_of_one[k] / norm
+    sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
+    light[n, RATIO] = left_strength / max(right_strength, 1e-12)
+    light[n, LEAN] = along_x / (along_y if along_y != 0.0 else 1e-9)
+    spread[n] = z * z * variance
+    # Disparity errs by variance · d ln ratio/du, and a step in u is z millimetres there.
+    light[n, GAIN] = z / baseline * spread[n] * norm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -191,19 +229,13 @@ def _match(
                     n = _thin(every, points, rays, sigma, spread, light, indices)
                 if every > 1 and i % every != 0:
                     break
-                z = baseline / disparity
-                su = left_sigma[i] / left_sine[i]
-                sr = right_sigma[j] / right_sine[j]
-                point, ray = points[n], rays[n]
-                point[0], point[1], point[2] = ox + dx * z, oy + dy * z, oz + dz * z
-                ray[0], ray[1], ray[2] = dx / norm, dy / norm, dz / norm
-                sigma[n] = z * z / baseline * np.sqrt(su * su + sr * sr) * norm
                 tangent = left_tangents[i]
-                light[n, RATIO] = left_strength[i] / max(right_strength[j], 1e-12)
-                light[n, LEAN] = tangent[0] / (tangent[1] if tangent[1] != 0.0 else 1e-9)
-                spread[n] = z * z * variance
-                # Disparity errs by variance · d ln ratio/du, and a step in u is z millimetres there.
-                light[n, GAIN] = z / baseline * spread[n] * norm
+                write_point(
+                    n, baseline / disparity, (ox, oy, oz), (dx, dy, dz), norm, baseline, variance,
+                    left_sigma[i] / left_sine[i], right_sigma[j] / right_sine[j],
+                    left_strength[i], right_strength[j], tangent[0], tangent[1],
+                    points, rays, sigma, spread, light,
+                )  # fmt: skip
                 indices[0, n], indices[1, n], indices[2, n] = i, a, j
                 n += 1
     if every > 1:
@@ -250,7 +282,7 @@ def _match_all(
         i = np.int64(index)
         lo, hi = first_points[i], first_points[i + 1]
         rectify(pixels[lo:hi], packed[i], turns[i], uv[lo:hi])
-        _line_slopes(uv[lo:hi], starts[first_lines[i] : first_lines[i + 1]], sine[lo:hi])
+        line_slopes(uv[lo:hi], starts[first_lines[i] : first_lines[i + 1]], sine[lo:hi])
     for head in prange(images // 2):
         left, right = np.int64(2 * head), np.int64(2 * head + 1)
         a, b, c = first_points[left], first_points[right], first_points[right + 1]
@@ -368,7 +400,7 @@ def match_heads(
         geometry.baselines,
         (float(depth_range[0]), float(depth_range[1])),
         LEAST_SINE,
-        _BRIDGE_PX / geometry.focal[::2],
+        BRIDGE_PX / geometry.focal[::2],
         points,
         rays,
         sigma,

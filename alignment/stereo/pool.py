@@ -11,7 +11,8 @@ from alignment.arrays import Array, Index, Mask
 from alignment.kernels import njit
 from alignment.stereo.correspondence import Candidates
 
-_STRETCH = 13  # line points that count as one cluster
+STRETCH = 13
+"""Line points that count as one cluster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class PointPool:
             groups.append(c.left_point + next_group)
             # Candidates stand in the order of lines and points: another stretch begins where either changes.
             lines.append(c.left_line + next_line)
-            stretches.append(lines[-1] * 65536 + c.left_point // _STRETCH)
+            stretches.append(lines[-1] * 65536 + c.left_point // STRETCH)
             heads.append(np.full(len(c.points), k))
             next_group += int(c.left_point.max()) + 1
             next_line += int(c.left_line.max()) + 1

@@ -154,7 +154,7 @@ def carry(
     moves = head_moves(points.points, points.head, heads, fit)
     normal, target = model.freed_moves()
     return LoadedWheel(
-        surface=replace(found.surface, fit=_turned(fit, model.turn)),
+        surface=replace(found.surface, fit=leaned(fit, model.turn)),
         model=model,
         moves=replace(moves, normal=normal, target=target),
         noise=model.noise,
@@ -254,7 +254,7 @@ def _pushed(seen: _Seen, fit: RevolutionFit) -> FoundLoad | None:
 def believable(found: FoundLoad, before: RevolutionFit) -> bool:
     """Tell whether a wheel under load is one: what hides a part of it must not be explained by a load."""
     model, weights = found.model, found.surface.fit.weights
-    turned = np.abs(_turned(found.surface.fit, model.turn).normal - before.normal).max()
+    turned = np.abs(leaned(found.surface.fit, model.turn).normal - before.normal).max()
     return bool(
         turned < _MOST_TURN
         and np.trace(model.covariance) < _MOST_DOUBT**2
@@ -349,7 +349,7 @@ def _unloaded(pool: PointPool, fit: RevolutionFit, model: LoadModel, axes: Array
     """Choose the candidates and fit the wheel as it would be without the load."""
     lift = model.height((pool.points - fit.centre) @ fit.tilt_axes.T)
     still = replace(pool, points=pool.points - lift[:, None] * fit.normal)
-    fit = replace(_turned(fit, model.turn), centre=fit.centre + model.shift @ fit.tilt_axes)
+    fit = replace(leaned(fit, model.turn), centre=fit.centre + model.shift @ fit.tilt_axes)
     chosen = nearest_candidates(fit.height(still.points), pool.group, SURFACE_GATE)
     return fit_chosen(still, chosen, fit.normal, fit.centre, axes)
 
@@ -392,7 +392,7 @@ def _cells(surface: WheelSurface, model: LoadModel, before: RevolutionFit, heads
     return replace(cells, height=cells.height + lift), lift
 
 
-def _turned(fit: RevolutionFit, turn: Array) -> RevolutionFit:
+def leaned(fit: RevolutionFit, turn: Array) -> RevolutionFit:
     """Lean the wheel as the joint solution says: heights that rise along an axis lean the normal away."""
     normal = fit.normal - turn @ fit.tilt_axes
     return replace(fit, normal=normal / np.linalg.norm(normal))

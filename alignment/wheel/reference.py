@@ -128,6 +128,23 @@ def wheel_reference(
     )
 
 
+def moved_reference(known: WheelReference, before: RevolutionFit, after: RevolutionFit) -> WheelReference:
+    """Return the place of a wheel that moved, from where it was.
+
+    The ring is part of the tyre, so that it keeps its place on the profile.
+
+    Parameters
+    ----------
+    known
+        The place before.
+    before, after
+        Fits of the wheel, the second one from the first one's profile on (`fit_near`).
+    """
+    height = float((known.point - before.centre) @ before.normal)
+    height += float(np.median(after.profile - before.profile))
+    return WheelReference(after.centre + height * after.normal, known.covariance)
+
+
 def spin_reference(
     shots: Sequence[WheelMeasurement], spin: SpinMeasurement, common: Array | None
 ) -> WheelReference | None:

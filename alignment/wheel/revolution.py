@@ -30,6 +30,7 @@ from alignment.wheel.revolution_steps import (
 _TUKEY = 4.0  # in robust standard deviations; small, because letters and ring edges are not noise
 _ROUGH_STEP = 8.0  # mm; knots of the first profile
 _CLEANINGS = (1, 4)  # most iterations after each look for disturbed stretches
+_SOME, _WIDE_CUT, _NEAR_STEPS = 1000, 2.0, 3  # points that bring a near start nearer, and how
 _SETTLED = 4e-7  # radians, 0.0014′; the next step would be several times smaller
 
 
@@ -143,7 +144,53 @@ def fit_revolution(
     if n < FEWEST_POINTS:
         raise DegenerateInputError(field="points", expected=f"at least {FEWEST_POINTS} points", seen=str(n))
     state = _State(frame_of(np.asarray(normal, dtype=np.float64)), np.array(centre, dtype=np.float64))
-    kept, data, scale = _settled(state, (points, sigma, rays, spread), line, knot_step, scale_floor)
+    settled = _settled(state, (points, sigma, rays, spread), line, knot_step, scale_floor)
+    return _as_fit(state, cluster, *settled)
+
+
+def fit_near(
+    points: Array,
+    sigma: Array,
+    rays: Array,
+    cluster: Index,
+    near: RevolutionFit,
+    *,
+    line: Index,
+    spread: Array,
+    scale_floor: float = 0.3,
+) -> RevolutionFit:
+    """As `fit_revolution`, of a wheel that hardly moved since another fit, from its axis and profile on.
+
+    Raises
+    ------
+    DegenerateInputError
+        When the points do not determine an axis.
+    """
+    n = len(points)
+    if n < FEWEST_POINTS:
+        raise DegenerateInputError(field="points", expected=f"at least {FEWEST_POINTS} points", seen=str(n))
+    state = _State(
+        frame_of(near.normal), near.centre.copy(), near.knots_start, near.knots_step, near.profile.copy()
+    )
+    every = (points, sigma, rays, spread)
+    # What the wheel moved by shows on some points; then all of them as at the end of the whole fit.
+    thin = max(1, n // _SOME)
+    _Data.of(*(each[::thin] for each in every)).iterate(
+        state, _WIDE_CUT, scale_floor, _NEAR_STEPS, 20.0 * _SETTLED, renew=True
+    )
+    data = _Data.of(*every)
+    _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
+    keep = undisturbed(data.ratio, data.first >= 0, line, scale)
+    data = _Data.of(*take_points(keep, *every))
+    settles, scale = data.iterate(state, 1.0, scale_floor, _CLEANINGS[-1], _SETTLED)
+    if not settles:
+        _, scale = data.iterate(state, 1.0, scale_floor, 0, 0.0)
+    return _as_fit(state, cluster, np.flatnonzero(keep), data, scale)
+
+
+def _as_fit(state: _State, cluster: Index, kept: Index, data: _Data, scale: float) -> RevolutionFit:
+    """Result of a working point at its end."""
+    n = len(cluster)
     weights, residuals = np.zeros(n), np.full(n, np.nan)
     weights[kept] = data.table[TUKEY]
     residuals[kept] = np.where(data.first >= 0, data.table[VALUE], np.nan)

@@ -1,6 +1,7 @@
 from .acceptance import corrected_and_judged as corrected_and_judged
 from .coalesced import Coalesced as Coalesced
 from .failure import Failure as Failure
+from .following import Follower as Follower
 from .frame import CommonFrame as CommonFrame
 from .geometry_words import GEOMETRY as GEOMETRY
 from .geometry_words import GEOMETRY_ANGLES as GEOMETRY_ANGLES

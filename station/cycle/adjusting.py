@@ -164,6 +164,7 @@ class Adjusting:
         self._ending = threading.Event()
         self._dark: set[str] = set()
         self._shots = {position.name: 0 for position in positions}
+        self._followers = {position.name: position.follower() for position in positions}
         self._running = {self._begin(position): position for position in positions}
 
     def __enter__(self) -> Self:
@@ -218,9 +219,12 @@ class Adjusting:
             if position.name not in self.armed:
                 position.arm()
             live = self._before.lives.get(position.name)
-            result = position.run(self._zeros, live)
+            follower = self._followers[position.name]
+            result = position.run(self._zeros, live, follower)
             if result.shot is None:
                 self.armed.discard(position.name)
+                if follower is not None:
+                    follower.forget()
             if live is None and self._before.wanted and result.measurement is not None:
                 # A tyre plane is not shown as if it were the axis.
                 return position.failed(fault(ErrorCode.MEASUREMENT_REFUSED, _NO_RUN_OUT)), started_s

@@ -30,6 +30,7 @@ from sensors.formats import check_shot_matches
 from sensors.shot import WheelShot
 from station.cycle.acceptance import corrected_and_judged
 from station.cycle.failure import Failure, fault
+from station.cycle.following import Follower, FollowFunction
 from station.cycle.retaking import Retaking, of_devices
 from station.cycle.series import SeriesError, SeriesPlan, take_series
 from station.cycle.words import ErrorCode
@@ -221,6 +222,9 @@ class WheelPosition:
         Why a measured shot is not to be believed, for what it says of its cameras; None where it is.
     retake_within_s
         Time in which images are taken again once after a camera failed, seconds; 0 takes none again.
+    follow
+        `alignment.follow.follow_wheel`; None where each shot is measured whole, also while the wheel is
+        adjusted.
     """
 
     def __init__(
@@ -236,12 +240,13 @@ class WheelPosition:
         needs_place: bool = False,
         retake_within_s: float = 0.0,
         stopped: Callable[[WheelShot, WheelMeasurement], str | None] = lambda shot, found: None,
+        follow: FollowFunction | None = None,
     ) -> None:
         self.rig = rig
         self._needs_place = needs_place
         self._stopped = stopped
         self.in_force = in_force
-        self._measure = measure
+        self._measure, self._follow = measure, follow
         self._settings = settings
         # What follows from the calibration alone is computed once, and goes when this position does.
         self._known_rig = PreparedRig.of(in_force.calibration, settings)
@@ -273,7 +278,16 @@ class WheelPosition:
         text = f"{self.name}: expected images and angles within {bound_s:g} s"
         return self.failed(fault(ErrorCode.CYCLE_TIMEOUT, text))
 
-    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
+    def follower(self) -> Follower | None:
+        """What follows the wheel from shot to shot; None where each is measured whole."""
+        return None if self._follow is None else Follower(self._follow, self.clock)
+
+    def run(
+        self,
+        zeros: Sequence[ZeroRecord] = (),
+        live: LiveSpin | None = None,
+        follower: Follower | None = None,
+    ) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
 
         Parameters
@@ -282,6 +296,8 @@ class WheelPosition:
             Zero measurements in force; the one of this rig and calibration corrects the angles.
         live
             Takes the run-out of a series off the tyre plane.
+        follower
+            Of this position, and of shots that follow each other.
         """
         self._retaking.begin()
         try:
@@ -293,7 +309,8 @@ class WheelPosition:
             # Its cameras could not be made ready for another attempt.
             return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         started = self.clock()
-        found = self._measure(shot.images, self._known_rig, self._settings)
+        measure = self._measure if follower is None else follower.measure
+        found = measure(shot.images, self._known_rig, self._settings)
         if live is not None and isinstance(found, WheelMeasurement):
             found = _live(live, found, shot)
         return self._result(found, shot, self.clock() - started, zeros, None)

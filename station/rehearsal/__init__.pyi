@@ -14,6 +14,8 @@ from .endurance import Endurance as Endurance
 from .endurance import run_endurance as run_endurance
 from .gauge_simulation import simulate_gauge_session as simulate_gauge_session
 from .gauge_simulation import write_gauge_session as write_gauge_session
+from .live_station import LiveTimes as LiveTimes
+from .live_station import run_live as run_live
 from .noise import run_noise as run_noise
 from .plate_simulation import simulate_session as simulate_session
 from .plate_simulation import write_simulated_session as write_simulated_session

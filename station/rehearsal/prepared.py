@@ -32,6 +32,7 @@ from station.configuration import VehicleType
 from station.cycle import (
     Bounds,
     CalibrationInForce,
+    Follower,
     Identity,
     Line,
     MeasuringCycle,
@@ -101,7 +102,12 @@ class PreparedPosition(WheelPosition):
         self._prepared = rig
         self._shot_s = shot_s
 
-    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
+    def run(
+        self,
+        zeros: Sequence[ZeroRecord] = (),
+        live: LiveSpin | None = None,
+        follower: Follower | None = None,
+    ) -> WheelResult:
         """Return the result of the shot that the rig was armed for."""
         if self._shot_s > 0.0:
             time.sleep(self._shot_s)

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from typing import TypeVar
 
 from alignment.errors import SeveralErrors, TruewheelError, WarmUpError
+from alignment.follow import follow_wheel
 from alignment.measure import measure_wheel
 from db.records import HOUR_S
 from db.store import ResultStore
@@ -257,6 +258,7 @@ def _position(
         needs_place=frame is not None and frame.reference == "vehicle",
         retake_within_s=retake_within_s,
         stopped=watch.stopped,
+        follow=follow_wheel,
     )
 
 

@@ -14,6 +14,7 @@ STUDIES = {
     "coverage": "station.studies.coverage",
     "degraded": "station.studies.degraded",
     "efficiency": "station.studies.efficiency",
+    "following": "station.studies.following",
     "knocked": "station.studies.knocked",
     "lenz-tsai": "station.studies.lenz_tsai",
     "line-endurance": "station.studies.line_endurance",
