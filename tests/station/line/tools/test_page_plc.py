@@ -502,8 +502,11 @@ def test_command_does_in_a_state_what_the_page_says(state: str, request_: str, c
     handshake = Handshake()
     handshake.asked(Asked(CommandCode.NONE, 0))
     handshake.state, handshake.sequence, handshake._start = HandshakeState(state), 5, 5
-    code, _, number = request_.partition(", ")
-    handshake.asked(Asked(CommandCode(code), 5 if number == "same number" else 6, ("front_left",), vin=VIN))
+    handshake._next = 3
+    code, _, named = request_.partition(", ")
+    position = {"next position": 3, "position taken before": 2}.get(named, 0)
+    number = 5 if position or named == "same number" else 6
+    handshake.asked(Asked(CommandCode(code), number, ("front_left",), vin=VIN, position=position))
     refusal = handshake.reply.refusal
     if cell.startswith("→"):
         assert (handshake.state, refusal) == (cell[2:], ErrorCode.NONE)
