@@ -22,14 +22,14 @@ def with_light(configuration: Configuration, index: int, rig: Rig) -> Rig | LitR
         When the projector's driver finds a mistake, fails, or makes something else.
     """
     settings = configuration.settings.rigs[index]
-    light = settings.projector
-    if light is None:
+    chosen = settings.projector
+    if chosen is None:
         return rig
     place = ProjectorPlace(settings.name, settings.side, configuration.file.parent, rig)
-    driver = light.projector.driver
+    driver = chosen.projector.driver
 
     def made() -> Any:
-        projector: Any = driver.make(light.options, place)
+        projector: Any = driver.make(chosen.options, place)
         whole = all(callable(getattr(projector, verb, None)) for verb in _VERBS)
         if not whole or not hasattr(projector, "can_be_dark"):
             raise ConfigurationError(
@@ -45,4 +45,4 @@ def with_light(configuration: Configuration, index: int, rig: Rig) -> Rig | LitR
         if not driver.in_process:
             # One that hangs for good is made anew.
             projector = GuardedProjector(projector, settings.name, made, call_bounds(configuration))
-        return LitRig(rig, projector, light.light())
+        return LitRig(rig, projector, chosen.light())
