@@ -11,6 +11,8 @@ from alignment.geometry.distortion import project_normalised
 from alignment.kernels import njit
 
 _STEPS = 12
+_TURNS = 2.0 * math.pi * np.arange(_STEPS) / _STEPS
+_COS, _SIN = np.cos(_TURNS), np.sin(_TURNS)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -45,7 +47,7 @@ def contour_shift(
     u, v = np.empty(_STEPS), np.empty(_STEPS)
     a00 = a01 = a10 = a11 = 0.0
     for k in range(_STEPS):
-        c, s = math.cos(2.0 * math.pi * k / _STEPS), math.sin(2.0 * math.pi * k / _STEPS)
+        c, s = _COS[k], _SIN[k]
         x = centre[0] + radius * (c * along_x[0] + s * along_y[0])
         y = centre[1] + radius * (c * along_x[1] + s * along_y[1])
         z = centre[2] + radius * (c * along_x[2] + s * along_y[2])
@@ -63,12 +65,14 @@ def contour_shift(
         return 0.0, 0.0, False
     # (a/half) maps the unit circle to the contour's first harmonic.
     half = _STEPS / 2.0
+    scale = half / det
     sx = sy = 0.0
     for k in range(_STEPS):
-        c, s = math.cos(2.0 * math.pi * k / _STEPS), math.sin(2.0 * math.pi * k / _STEPS)
-        px = half * (a11 * u[k] - a01 * v[k]) / det
-        py = half * (a00 * v[k] - a10 * u[k]) / det
-        excess = math.hypot(px, py) - 1.0
-        sx += excess * c / half
-        sy += excess * s / half
+        c, s = _COS[k], _SIN[k]
+        px = scale * (a11 * u[k] - a01 * v[k])
+        py = scale * (a00 * v[k] - a10 * u[k])
+        excess = math.sqrt(px * px + py * py) - 1.0
+        sx += excess * c
+        sy += excess * s
+    sx, sy = sx / half, sy / half
     return (a00 * sx + a01 * sy) / half, (a10 * sx + a11 * sy) / half, True

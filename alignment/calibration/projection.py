@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from alignment.arrays import Array
 from alignment.geometry.distortion import DIVISION, brown_distort
 from alignment.kernels import njit
 
 COEFFICIENTS = 14
 INTRINSICS = 4 + COEFFICIENTS
+# Tuples: arrays would be taken from the heap for every point.
+_Row = tuple[float, float, float]
+_Matrix = tuple[_Row, _Row, _Row]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rotations(tau_x: float, tau_y: float) -> tuple[Array, Array, Array]:
+def _rotations(tau_x: float, tau_y: float) -> tuple[_Matrix, _Matrix, _Matrix]:
     """R(τ) of the tilted sensor and its derivatives by τx and τy."""
     ct, st, cs, ss = math.cos(tau_x), math.sin(tau_x), math.cos(tau_y), math.sin(tau_y)
-    r = np.array([[cs, ss * st, -ss * ct], [0.0, ct, st], [ss, -cs * st, cs * ct]])
-    by_x = np.array([[0.0, ss * ct, ss * st], [0.0, -st, ct], [0.0, -cs * ct, -cs * st]])
-    by_y = np.array([[-ss, cs * st, -cs * ct], [0.0, 0.0, 0.0], [cs, ss * st, -ss * ct]])
+    r = (cs, ss * st, -ss * ct), (0.0, ct, st), (ss, -cs * st, cs * ct)
+    by_x = (0.0, ss * ct, ss * st), (0.0, -st, ct), (0.0, -cs * ct, -cs * st)
+    by_y = (-ss, cs * st, -cs * ct), (0.0, 0.0, 0.0), (cs, ss * st, -ss * ct)
     return r, by_x, by_y
 
 
@@ -45,25 +46,25 @@ def brown_by_coefficients(x: float, y: float, c: Array, out: Array) -> None:
     xd = x * g + 2.0 * c[2] * x * y + c[3] * (r2 + 2.0 * x * x) + r2 * (c[8] + c[9] * r2)
     yd = y * g + c[2] * (r2 + 2.0 * y * y) + 2.0 * c[3] * x * y + r2 * (c[10] + c[11] * r2)
     r, by_x, by_y = _rotations(c[12], c[13])
-    u = r[0, 0] * xd + r[0, 1] * yd + r[0, 2]
-    v = r[1, 0] * xd + r[1, 1] * yd + r[1, 2]
-    w = r[2, 0] * xd + r[2, 1] * yd + r[2, 2]
+    u = r[0][0] * xd + r[0][1] * yd + r[0][2]
+    v = r[1][0] * xd + r[1][1] * yd + r[1][2]
+    w = r[2][0] * xd + r[2][1] * yd + r[2][2]
     # The tilt comes after the distortion: what the others did to the plane point goes through its Jacobian.
     if c[12] != 0.0 or c[13] != 0.0:
-        a00 = (r[2, 2] * (r[0, 0] - u * r[2, 0] / w)) / w
-        a01 = (r[2, 2] * (r[0, 1] - u * r[2, 1] / w)) / w
-        a10 = (r[2, 2] * (r[1, 0] - v * r[2, 0] / w)) / w
-        a11 = (r[2, 2] * (r[1, 1] - v * r[2, 1] / w)) / w
+        a00 = (r[2][2] * (r[0][0] - u * r[2][0] / w)) / w
+        a01 = (r[2][2] * (r[0][1] - u * r[2][1] / w)) / w
+        a10 = (r[2][2] * (r[1][0] - v * r[2][0] / w)) / w
+        a11 = (r[2][2] * (r[1][1] - v * r[2][1] / w)) / w
         for k in range(12):
             dx, dy = out[0, k], out[1, k]
             out[0, k] = a00 * dx + a01 * dy
             out[1, k] = a10 * dx + a11 * dy
     for k, d in ((12, by_x), (13, by_y)):
-        du = d[0, 0] * xd + d[0, 1] * yd + d[0, 2]
-        dv = d[1, 0] * xd + d[1, 1] * yd + d[1, 2]
-        dw = d[2, 0] * xd + d[2, 1] * yd + d[2, 2]
-        out[0, k] = d[2, 2] * u / w + r[2, 2] * (du - u * dw / w) / w - d[0, 2]
-        out[1, k] = d[2, 2] * v / w + r[2, 2] * (dv - v * dw / w) / w - d[1, 2]
+        du = d[0][0] * xd + d[0][1] * yd + d[0][2]
+        dv = d[1][0] * xd + d[1][1] * yd + d[1][2]
+        dw = d[2][0] * xd + d[2][1] * yd + d[2][2]
+        out[0, k] = d[2][2] * u / w + r[2][2] * (du - u * dw / w) / w - d[0][2]
+        out[1, k] = d[2][2] * v / w + r[2][2] * (dv - v * dw / w) / w - d[1][2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
