@@ -106,7 +106,7 @@ class SeriesUnderWay:
 
     def result(self) -> SeriesMeasurement | Refusal:
         """Return the spin axis of what was taken; a refusal as `fit_series`, or of a head that moved."""
-        judged = _heads_judged(self._found, self._rig)
+        judged = heads_judged(self._found, self._rig)
         if isinstance(judged, Refusal):
             return judged
         spin = fit_series(
@@ -132,7 +132,7 @@ def series_settings(settings: MeasureSettings) -> MeasureSettings:
     return replace(settings, judge_heads=settings.allow_lost_head)
 
 
-def _heads_judged(exposures: Sequence[WheelMeasurement], rig: PreparedRig) -> Judgement | Refusal | None:
+def heads_judged(exposures: Sequence[WheelMeasurement], rig: PreparedRig) -> Judgement | Refusal | None:
     """Judge the heads by all exposures where one alone would be refused; None where none would."""
     signs = [m.signs for m in exposures if isinstance(m.signs, HeadSigns)]
     if all(one.refusal is None for one in signs):
@@ -242,7 +242,7 @@ def measure_spin(
 def spin_of_shots(measurements: Sequence[WheelMeasurement], rig: PreparedRig) -> SpinMeasurement | Refusal:
     """Return the spin axis of tyre planes; a wandering one only where a standing one explains too little."""
     side, common = rig.calibration.side, rig.angle_covariance
-    judged = _heads_judged(measurements, rig)
+    judged = heads_judged(measurements, rig)
     if isinstance(judged, Refusal):
         return judged
     found = fit_spin_axis(measurements, side, common)

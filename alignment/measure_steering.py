@@ -18,11 +18,13 @@ from alignment.arrays import Array
 from alignment.calibration.posed import posed_axis_sensitivity
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_wheel
+from alignment.measure_spin import heads_judged
 from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
     Refusal,
     RefusalCode,
+    RigCalibration,
     StereoImages,
     WheelMeasurement,
 )
@@ -38,12 +40,16 @@ _ORDER = 4  # of the polynomial by which they are
 
 
 def steered_settings(settings: MeasureSettings) -> MeasureSettings:
-    """Return settings with the measuring volume of wheels that are steered by up to `LARGEST_STEER`."""
+    """Return settings with the measuring volume of wheels that are steered by up to `LARGEST_STEER`.
+
+    Heads are judged by all positions together, but where one may be left out.
+    """
     low, high = settings.depth_range_mm
     return replace(
         settings,
         maximum_angle=max(settings.maximum_angle, LARGEST_STEER + _BESIDE),
         depth_range_mm=(min(low, -_DEPTH_MM), max(high, _DEPTH_MM)),
+        judge_heads=settings.allow_lost_head,
     )
 
 
@@ -82,17 +88,28 @@ def measure_steered(
             )
         planes.append(found)
         shot_done(found)
-    return steered_wheels(planes, rig)
+    judged = heads_judged(planes, rig)
+    if isinstance(judged, Refusal):
+        return judged
+    return steered_wheels(planes, rig, None if judged is None else judged.covariance)
 
 
-def steered_wheels(planes: Sequence[WheelMeasurement], rig: PreparedRig) -> list[SteeredWheel]:
+def steered_wheels(
+    planes: Sequence[WheelMeasurement], rig: PreparedRig, moved: Array | None = None
+) -> list[SteeredWheel]:
     """Return positions of the steering from the tyre planes of one wheel, all of which have a place.
 
     What is stated of a tyre plane is parted into what the calibration does at all positions and what is each
-    one's own: its noise, and what it makes of the load anew.
+    one's own: its noise, and what it makes of the load anew. `moved` is the covariance (2, 2) of camber and
+    toe, radians², by heads that may have moved since the calibration: the same at all positions.
     """
     calibration = rig.calibration
-    common = _common(planes, rig)
+    poses = [rig_from_wheel(p.normal, p.reference.point) for p in planes if p.reference is not None]
+    common = calibration_errors(calibration, poses, np.array([plane.toe for plane in planes]))
+    if moved is not None:
+        heads = np.zeros((len(planes), AXIS_SIZE, 2))
+        heads[:, :2] = _root(moved)
+        common = np.concatenate([common, heads], axis=2)
     out = []
     for plane, shared in zip(planes, common, strict=True):
         reference = plane.reference
@@ -105,39 +122,50 @@ def steered_wheels(planes: Sequence[WheelMeasurement], rig: PreparedRig) -> list
     return out
 
 
-def _common(planes: Sequence[WheelMeasurement], rig: PreparedRig) -> Array:
-    """(N, 5, M) what independent errors of the calibration do at each position."""
-    calibration = rig.calibration
-    if calibration.covariance is None or not planes:
-        return np.zeros((len(planes), AXIS_SIZE, 0))
-    values, vectors = np.linalg.eigh(calibration.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    toes = np.array([plane.toe for plane in planes])
+def calibration_errors(calibration: RigCalibration, poses: Sequence[RigidTransform], toes: Array) -> Array:
+    """(N, 5, M) what independent errors of a calibration do to camber, toe and place at N positions.
+
+    Parameters
+    ----------
+    calibration
+        Of the rig; one that states no covariance gives M = 0.
+    poses
+        Of the wheel before the rig, as `rig_from_wheel`.
+    toes
+        (N,) toe there, radians, over which errors are smooth.
+    """
+    if calibration.covariance is None or not poses:
+        return np.zeros((len(poses), AXIS_SIZE, 0))
+    root = _root(calibration.covariance)
     order = np.argsort(toes)
-    count = min(_COMPUTED, len(planes))
-    chosen = order[np.unique(np.linspace(0, len(planes) - 1, count).round().astype(int))]
-    there = np.array([posed_axis_sensitivity(calibration, rig_from_wheel(planes[k])) @ root for k in chosen])
-    if count < _COMPUTED:
-        return there[np.argsort(toes[chosen]).argsort()][np.argsort(order)]
+    few = np.linspace(0, len(poses) - 1, min(_COMPUTED, len(poses))).round().astype(int)
+    chosen = order[few]
+    there = np.array([posed_axis_sensitivity(calibration, poses[k]) @ root for k in chosen])
+    if len(chosen) == len(poses):
+        return there[np.argsort(order)]
     u = (toes - toes.mean()) / max(float(np.ptp(toes)), 1e-9)
     rows = np.vander(u[chosen], _ORDER + 1)
     smooth = np.linalg.lstsq(rows, there.reshape(len(chosen), -1), rcond=None)[0]
-    out: Array = (np.vander(u, _ORDER + 1) @ smooth).reshape(len(planes), AXIS_SIZE, -1)
+    out: Array = (np.vander(u, _ORDER + 1) @ smooth).reshape(len(poses), AXIS_SIZE, -1)
     return out
 
 
-def rig_from_wheel(plane: WheelMeasurement) -> RigidTransform:
-    """Where a wheel stands before its rig: z along its axis, outboard, from its reference point."""
-    assert plane.reference is not None
-    z = np.array([0.0, 0.0, 1.0])
-    across = np.cross(z, plane.normal)
+def rig_from_wheel(normal: Array, point: Array) -> RigidTransform:
+    """Where a wheel stands: z along its normal (3,), outboard; its origin the reference point (3,)."""
+    across = np.cross([0.0, 0.0, 1.0], normal)
     sine = float(np.linalg.norm(across))
-    turn = math.atan2(sine, float(plane.normal[2])) / sine if sine > 0.0 else 0.0
-    return RigidTransform(Rotation.from_rotvec(turn * across).as_matrix(), plane.reference.point)
+    turn = math.atan2(sine, float(normal[2])) / sine if sine > 0.0 else 0.0
+    return RigidTransform(Rotation.from_rotvec(turn * across).as_matrix(), point)
 
 
 def _positive(covariance: Array) -> Array:
     """Without what rounding leaves below zero."""
+    root = _root(covariance)
+    return root @ root.T
+
+
+def _root(covariance: Array) -> Array:
+    """Matrix whose product with its transpose is a covariance."""
     values, vectors = np.linalg.eigh(covariance)
-    out: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return out

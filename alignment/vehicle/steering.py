@@ -42,6 +42,8 @@ _WORST_RMS = 3.0 * ARCMIN  # by which normals may leave a plane; more is no whee
 _ROUNDS, _SETTLED = 20, 1e-14
 _BY_CHANCE = 1e-3  # below this a pattern of the residuals counts
 _UNSTATED_SCATTER = 3.0  # times what is stated
+_STATED_FREEDOM = 10  # that the stated variances are worth beside the scatter of positions
+_UNKNOWNS = 3  # direction, and the angle between it and the wheel
 _PATTERN = (3, 4)  # orders in the steering angle; lower ones look like another axis
 
 
@@ -100,7 +102,7 @@ def steering_axis(
     if here.direction[2] < math.cos(_MOST_LEAN) or rms > _WORST_RMS:
         return _no_axis(f"the angle between wheel and axis scatters by {in_arcminutes(rms)}")
     judged = _judged(here, spread)
-    scaled = replace(spread, scale=max(1.0, judged.scatter) ** 2)
+    scaled = replace(spread, scale=_scale(judged.scatter, len(series)))
     covariance = covariance_of(
         seen, known, here, solve, scaled, _Unknowns(stand, run_out).columns(), judged.unseen
     )
@@ -221,6 +223,14 @@ def _fitted(seen: SweepSeen, known: KnownBeside, direction: Array, spread: Sweep
         if np.abs(step).max() < _SETTLED:
             break
     return _Fitted(turned(seen, known, direction), np.asarray(solve))
+
+
+def _scale(scatter: float, positions: int) -> float:
+    """Variance of positions over the stated one; a smaller one is believed as far as there are positions."""
+    if scatter >= 1.0:
+        return scatter**2
+    freedom = positions - _UNKNOWNS - len(_PATTERN)
+    return (_STATED_FREEDOM + freedom * scatter**2) / (_STATED_FREEDOM + freedom)
 
 
 def _judged(here: TurnedWheel, spread: SweepSpread) -> _Judged:

@@ -105,6 +105,8 @@ class TurnedWheel:
         Millimetres; None where the road is not known.
     axial
         (N,) k · centre, less its mean.
+    arm
+        As the scrub radius, but along the wheel's own axis: by this it rolls.
     """
 
     direction: Array
@@ -119,6 +121,7 @@ class TurnedWheel:
     trail: float | None
     scrub: float | None
     axial: Array
+    arm: float = 0.0
 
     @property
     def residuals(self) -> Array:
@@ -191,7 +194,7 @@ def roll_of(here: TurnedWheel, known: KnownBeside, side: Side, farther_mm: float
     if here.scrub is None or known.road_z_mm is None:
         return np.zeros((len(here.angles), 3))
     radius = float(here.middle[2]) - known.road_z_mm
-    spins = -known.rolls * (here.scrub + farther_mm) / radius * here.angles
+    spins = -known.rolls * (here.arm + farther_mm) / radius * here.angles
     spin_axis = _spin_axis(here.straight, known, side)
     lean = Rotation.from_rotvec(spins[:, None] * spin_axis).apply(here.straight) - here.straight
     out: Array = Rotation.from_rotvec(here.angles[:, None] * here.direction).apply(lean)
@@ -250,8 +253,8 @@ def turned_with(
     )  # fmt: skip
     if not known.has_road:
         return here
-    trail, scrub = _at_road(here, known, seen.side)
-    return replace(here, trail=trail, scrub=scrub)
+    trail, scrub, arm = _at_road(here, known, seen.side)
+    return replace(here, trail=trail, scrub=scrub, arm=arm)
 
 
 def _straight_bearing(
@@ -285,8 +288,8 @@ def circle_rows(angles: Array) -> Array:
     )
 
 
-def _at_road(here: TurnedWheel, known: KnownBeside, side: Side) -> tuple[float, float]:
-    """Trail and scrub radius."""
+def _at_road(here: TurnedWheel, known: KnownBeside, side: Side) -> tuple[float, float, float]:
+    """Trail, scrub radius and arm."""
     middle = here.middle
     assert known.road_z_mm is not None
     n = _spin_axis(here.straight, known, side)
@@ -295,7 +298,8 @@ def _at_road(here: TurnedWheel, known: KnownBeside, side: Side) -> tuple[float, 
     ahead = np.array([np.cos(known.heading), np.sin(known.heading)])
     left = np.array([-ahead[1], ahead[0]])
     offset = (contact - here.point)[:2]
-    return float(-ahead @ offset), float(SIGN[side] * left @ offset)
+    arm = float(n[:2] @ offset) / float(np.hypot(n[0], n[1]))
+    return float(-ahead @ offset), float(SIGN[side] * left @ offset), arm
 
 
 def quantities(here: TurnedWheel, side: Side, heading: float) -> dict[str, float]:

@@ -128,7 +128,7 @@ class SteeringRules:
     widest_gap: float = math.radians(6.0)
     caster_u95: float = 3.0 * ARCMIN
     kpi_u95: float = 10.0 * ARCMIN
-    load_drift: float = 0.5
+    load_drift: float = 0.25
     coverage_factor: float = 2.0
 
 
@@ -168,8 +168,8 @@ class SteeringAxis:
     residuals
         (N,) by which the angle between wheel and axis leaves its mean, radians.
     scatter
-        Root mean square of the residuals in what is stated of them; the larger of it and 1 is in the
-        covariance.
+        Root mean square of the residuals in what is stated of them. The covariance holds it; one below 1 only
+        as far as there are positions to believe it.
     axial_mm
         (N,) by how much the wheel's centre leaves its mean along the axis: what the body does on its springs
         meanwhile, and no part of the direction.

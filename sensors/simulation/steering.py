@@ -133,7 +133,9 @@ class SteeredVehicle:
         camber, toe = corner.angles
         centre = np.array(corner.centre_mm)
         # Rolled on the road about the outboard axis: a left wheel that is steered to the left goes back.
-        rolled = -self.rolls * geometry.scrub_mm / (centre[2] - ROAD_Z_MM) * angle
+        level = normal_from_angles(camber, toe, side)[:2]
+        arm = float(level @ (contact_centre(wheel, corner) - point)[:2]) / math.hypot(*level)
+        rolled = -self.rolls * arm / (centre[2] - ROAD_Z_MM) * angle
         still = replace(corner.pose, camber=camber, toe=toe, run_out=0.0)
         carried = turn.as_matrix() @ still.vehicle_from_tyre(side)
         carried = carried @ Rotation.from_rotvec([0.0, 0.0, rolled]).as_matrix()

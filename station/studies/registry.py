@@ -30,6 +30,7 @@ STUDIES = {
     "repeatability": "station.studies.repeatability",
     "vehicle-budget": "station.studies.vehicle_budget",
     "vehicles": "station.studies.vehicles",
+    "sweep": "station.studies.sweep",
     "spin-cycle": "station.studies.spin_cycle",
     "wheel-grid": "station.studies.wheel_grid",
 }

@@ -133,7 +133,7 @@ def test_a_camber_that_drifts_to_lock_is_what_makes_kingpin_inclination_unsure()
     load = np.eye(2) * (0.04 * ARCMIN) ** 2
     loaded = [replace(wheel, load_covariance=load) for wheel in plain]
     assert found(plain).u("kpi") < 0.2 * ARCMIN
-    assert found(loaded).u("kpi") == pytest.approx(0.5 * 0.04 / 0.0152 * ARCMIN, rel=0.1)
+    assert found(loaded).u("kpi") == pytest.approx(0.25 * 0.04 / 0.0152 * ARCMIN, rel=0.1)
     # What is the same at all positions turns nothing.
     steady = SteeringRules(load_drift=0.0)
     assert found(loaded, rules=steady).u("kpi") == pytest.approx(found(plain).u("kpi"), rel=0.02)
@@ -200,7 +200,7 @@ def test_positions_that_scatter_more_than_stated_are_less_sure() -> None:
     series = CAR.sweep(even(), own_covariance())
     errors = rng.standard_normal((len(series), 5)) * np.sqrt(np.diag(own_covariance()))
     honest, noisy = found(shaken(series, errors)), found(shaken(series, 4.0 * errors))
-    assert noisy.u("kpi") == pytest.approx(4.0 * found(series).u("kpi"), rel=0.3)
+    assert noisy.u("kpi") == pytest.approx(4.0 * honest.u("kpi"), rel=0.2)
     assert honest.warning is None
     assert noisy.warning is not None
     assert "scatter" in noisy.warning
