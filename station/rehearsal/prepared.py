@@ -57,6 +57,7 @@ KIND = VehicleType.model_validate(
         "name": "Rehearsal",
         "axles": {"front": _AXLE, "rear": _AXLE},
         "thrust_angle": _TOLERANCE,
+        "sweep": {"largest_deg": 60.0, "positions": 5, "step_timeout_s": 10.0},
     }
 )
 

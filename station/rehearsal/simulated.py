@@ -8,8 +8,10 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+from station.cycle import Mode
 from station.line.wire import DEFAULT_OPTIONS, BusSettings, LineDatabase, LineOptions, open_bus
 from station.rehearsal.prepared import open_rehearsal
 
@@ -42,7 +44,7 @@ def simulated_station(
             database,
             f"sqlite:///{Path(folder) / 'results.db'}",
             shot_s=shot_s,
-            options=options,
+            options=replace(options, modes=options.modes | {Mode.SWEEP}),
             acknowledge_s=0.5,
         ) as station,
         ThreadPoolExecutor(1, "station") as pool,

@@ -30,6 +30,8 @@ from station.line.plc.orders import (
 )
 from station.line.plc.results import missing_results, read_results
 from station.line.plc.station_view import StationView
+from station.line.plc.sweeping import turn_steering
+from station.line.plc.teller import VehicleTeller
 from station.line.wire import (
     INTERFACE_MAJOR,
     VIN_LENGTH,
@@ -96,6 +98,8 @@ class PlcSimulator:
     ----------
     view
         What it knows of the station.
+    teller
+        What it tells of the vehicle: nothing, unless somebody lets it.
     spoil
         What is wrong with the frames that it sends; None for good frames. For tests of a station.
     interface
@@ -121,6 +125,7 @@ class PlcSimulator:
         self._sequence = sequence
         self._link = ProtectedLink(bus, database, clock)
         self.view = StationView(self._link, clock)
+        self.teller = VehicleTeller(database)
         self.spoil: Spoil | None = None
         self.interface = INTERFACE_MAJOR
         self.paused = False
@@ -251,7 +256,10 @@ class PlcSimulator:
             When the station refuses the start or reports a fault, or the results are incomplete or
             contradictory.
         """
-        return self.finish(order, *self.begin(order))
+        sequence, started_s = self.begin(order)
+        if order.mode is Mode.SWEEP:
+            turn_steering(self, sequence)
+        return self.finish(order, sequence, started_s)
 
     def begin(self, order: PlcOrder) -> tuple[int, float]:
         """Start one vehicle and wait for busy; number of the start and when it was sent. Raises as `run`."""
@@ -301,6 +309,8 @@ class PlcSimulator:
     def give(self, code: CommandCode, order: PlcOrder, sequence: int) -> None:
         """Put prepare or start of an order on the bus, its VIN before; it stands until `withdraw`."""
         wheels = self._wheels(order)
+        # The counter of these frames is known by the time of the first step.
+        self.teller.sweeping |= order.mode is Mode.SWEEP
         self._put(_Standing(code, sequence, wheels, order.vehicle_type, order.mode, checked_vin(order.vin)))
 
     def command(self, code: CommandCode, sequence: int) -> None:
@@ -373,6 +383,8 @@ class PlcSimulator:
                 for frame in self._vin_frames(standing.vin or _NO_VIN, standing.sequence):
                     self._send(frame)
                 self._vin_due_s = now + (self._database.cycle_time_s("Vin1") or 0.0)
+            for frame in self.teller.frames():
+                self._send(frame)
             bits = {f"Wheel{e}": int(name in standing.wheels) for name, e in self._database.wheels.items()}
             values: dict[str, Value] = {
                 "Code": str(standing.code),

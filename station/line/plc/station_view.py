@@ -8,11 +8,12 @@ from collections.abc import Callable
 import can
 
 from alignment.errors import LineTimeoutError
-from station.cycle import LiveAngles
+from station.cycle import Guidance, LiveAngles, SweepProgress
 from station.line.plc.orders import ReceivedMessage
 from station.line.wire import (
     CommandAnswer,
     CommandCode,
+    HandshakeState,
     LineStatus,
     LiveAge,
     ProtectedLink,
@@ -20,8 +21,10 @@ from station.line.wire import (
     Value,
     read_age,
     read_answer,
+    read_guidance,
     read_info,
     read_live,
+    read_progress,
     read_status,
 )
 
@@ -53,8 +56,15 @@ class StationView:
         self._live: dict[str, LiveAngles] = {}
         self._ages: dict[str, LiveAge] = {}
         endings = link.database.wheels.items()
+        self._progress: tuple[int, SweepProgress] | None = None
+        self._turnings = 0
+        self._guided: dict[str, dict[str, Value]] = {}
         self._live_of = {f"LiveAngles{ending}": wheel for wheel, ending in endings}
         self._age_of = {f"LiveAge{ending}": wheel for wheel, ending in endings}
+        self._guidance_of = {
+            wheel: (f"Guidance{e}", f"GuidanceTarget{e}") for wheel, e in link.database.guided.items()
+        }
+        self._guidance = {name for pair in self._guidance_of.values() for name in pair}
 
     @property
     def status(self) -> LineStatus | None:
@@ -100,6 +110,34 @@ class StationView:
             return dict(self._ages)
 
     @property
+    def progress(self) -> tuple[int, SweepProgress] | None:
+        """How the last sweep goes, and the number of its start."""
+        with self._changed:
+            return self._progress
+
+    @property
+    def turnings(self) -> int:
+        """How often a position of a sweep was wanted since `record`."""
+        with self._changed:
+            return self._turnings
+
+    @property
+    def guidance(self) -> dict[str, tuple[Guidance, float | None]]:
+        """What to do at each wheel, and how old that was when it was sent; of wheels that were told of.
+
+        Raises
+        ------
+        LineError
+            When what is told of a wheel contradicts itself.
+        """
+        with self._changed:
+            return {
+                wheel: read_guidance(wheel, self._guided[name], self._guided[target])
+                for wheel, (name, target) in self._guidance_of.items()
+                if name in self._guided and target in self._guided
+            }
+
+    @property
     def results(self) -> dict[str, dict[str, Value]]:
         """The last good result messages, by name."""
         with self._changed:
@@ -111,8 +149,7 @@ class StationView:
             self._received.clear()
             self._recording = True
             self._results.clear()
-            self._live.clear()
-            self._ages.clear()
+            self._forget_shown()
 
     def recorded(self) -> tuple[ReceivedMessage, ...]:
         """All messages since `record`; keeps none any more."""
@@ -130,11 +167,16 @@ class StationView:
             self._last_status, self._status, self._answer = self._status, None, None
             self._answers.clear()
             self._results.clear()
-            self._live.clear()
-            self._ages.clear()
+            self._forget_shown()
             self._link.forget()
             self._changed.notify_all()
         return True
+
+    def _forget_shown(self) -> None:
+        self._live.clear()
+        self._ages.clear()
+        self._guided.clear()
+        self._progress, self._turnings = None, 0
 
     def receive(self, frame: can.Message) -> None:
         """Take one frame; the bus's receiving thread calls this."""
@@ -147,7 +189,10 @@ class StationView:
                 self._received.append(ReceivedMessage(self._clock(), name, values))
             match name:
                 case "Status":
-                    self._status, self._silent = read_status(values), False
+                    before, self._status, self._silent = self._status, read_status(values), False
+                    turning = HandshakeState.TURNING
+                    if self._status.handshake is turning and (before is None or before.handshake != turning):
+                        self._turnings += 1
                 case "CommandAnswer":
                     self._answer = read_answer(values)
                     self._answers[self._answer.code, self._answer.sequence] = self._answer
@@ -157,6 +202,10 @@ class StationView:
                     self._live[wheel] = read_live(wheel, values)
                 case _ if wheel := self._age_of.get(name):
                     self._ages[wheel] = read_age(wheel, values)
+                case "SweepProgress":
+                    self._progress = read_progress(values)
+                case _ if name in self._guidance:
+                    self._guided[name] = values
                 case _:
                     self._results[name] = values
             self._changed.notify_all()

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from alignment.counting import listed
 from alignment.errors import TruewheelError
 from station.cycle import ErrorCode, LiveState, Mode, Outcome
+from station.line.tools import conformance_steering as steering
 from station.line.tools.conformance_values import (
     geometry_of_the_vehicle,
     kind_of_wheels,
@@ -385,6 +386,41 @@ POINTS: tuple[Point, ...] = (
     Point("live-ages", "live angles come with their age", live_ages, Mode.ADJUST),
     Point("adjust-aborted", "an abort ends adjusting", _adjust_aborted, Mode.ADJUST),
     Point("adjust-lost-heartbeat", "a lost heartbeat ends adjusting", _adjust_lost, Mode.ADJUST),
+    Point("guidance", "guidance has its age and ends with adjusting", steering.guidance, Mode.ADJUST),
+    Point("step-nowhere", "a step without a sweep is refused", steering.step_without_a_sweep),
+    Point("sweep", "a sweep goes from position to position", steering.swept_to_the_end, Mode.SWEEP),
+    Point(
+        "sweep-stopped",
+        "a stop ends a sweep without a verdict",
+        steering.ended_by(E.SWEEP_FAULT, steering.stop),
+        Mode.SWEEP,
+    ),
+    Point("sweep-aborted", "an abort ends a sweep", steering.aborted, Mode.SWEEP),
+    Point("sweep-lost-heartbeat", "a lost heartbeat ends a sweep", steering.lost_heartbeat, Mode.SWEEP),
+    Point(
+        "sweep-angle-lost",
+        "a steering wheel's angle that is lost ends a sweep",
+        steering.ended_by(E.STEERING_FAULT, steering.lose_the_angle),
+        Mode.SWEEP,
+    ),
+    Point(
+        "sweep-angle-invalid",
+        "a steering wheel's angle that is not valid ends a sweep",
+        steering.ended_by(E.STEERING_FAULT, steering.call_the_angle_invalid, 3),
+        Mode.SWEEP,
+    ),
+    Point(
+        "sweep-angle-frozen",
+        "a sensor that stands while steps are claimed ends a sweep",
+        steering.ended_by(E.STEERING_FAULT, steering.freeze_the_sensor),
+        Mode.SWEEP,
+    ),
+    Point(
+        "sweep-angle-jumps",
+        "a steering wheel's angle that jumps ends a sweep",
+        steering.ended_by(E.STEERING_FAULT, steering.let_the_angle_jump),
+        Mode.SWEEP,
+    ),
 )
 """All points, in the order in which they are tried."""
 
@@ -402,6 +438,7 @@ def try_point(point: Point, trial: Trial) -> PointVerdict:
         point.run(trial)
     except TruewheelError as error:
         failure = str(error)
+    trial.plc.teller.forget()
     trial.plc.spoil, trial.plc.paused, trial.plc.interface = None, False, INTERFACE_MAJOR
     trial.plc.withdraw()
     return PointVerdict(point.name, point.requirement, failure)

@@ -25,6 +25,8 @@ from .messages import LineStatus as LineStatus
 from .messages import LiveAge as LiveAge
 from .messages import StationInfo as StationInfo
 from .messages import VehicleReport as VehicleReport
+from .numbers import bounded as bounded
+from .numbers import milliseconds as milliseconds
 from .numbers import read_number as read_number
 from .options import DEFAULT_OPTIONS as DEFAULT_OPTIONS
 from .options import LineHealth as LineHealth
