@@ -64,13 +64,13 @@ class RideHeightCurve:
         heights = np.asarray(self.heights_mm, dtype=np.float64)
         if heights.ndim != 1 or len(heights) < 2 or not np.isfinite(heights).all():
             raise DegenerateInputError(
-                field="heights_mm", expected="at least two finite heights", seen=f"{self.heights_mm}"
+                field="heights_mm", expected="at least two finite heights", seen=_listed(self.heights_mm)
             )
         if not (np.diff(heights) > 0.0).all():
             raise DegenerateInputError(
                 field="heights_mm",
                 expected="heights that rise from point to point",
-                seen=f"{self.heights_mm}",
+                seen=_listed(self.heights_mm),
             )
         for name in ("camber", "toe"):
             values = np.asarray(getattr(self, name), dtype=np.float64)
@@ -78,7 +78,7 @@ class RideHeightCurve:
                 raise DegenerateInputError(
                     field=name,
                     expected=f"{len(heights)} finite angles, one for each height",
-                    seen=f"{values}",
+                    seen=_listed(getattr(self, name)),
                 )
         if not self.limit_mm > 0.0:
             raise DegenerateInputError(field="limit_mm", expected="above 0", seen=f"{self.limit_mm}")
@@ -143,3 +143,7 @@ class RideHeightCurve:
                 "vehicle, and check its springs and tyres",
             )
         return None
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{float(value):g}" for value in np.ravel(values)) or "none"

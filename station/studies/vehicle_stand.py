@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,10 +39,11 @@ def place_of_rig(name: str) -> Array:
     return np.array([x, y if side_of_wheel(name) == "left" else -y, 0.0])
 
 
-def placed_rig(name: str, seed: int) -> RigCalibration:
+def placed_rig(name: str, seed: int, stages: Sequence[tuple[float, float, float]] = STAGES) -> RigCalibration:
     """The true cameras and pose of a rig, with the covariance of its calibration and of its placing.
 
-    It was calibrated with a plate on a stage and placed with one view of a gauge frame; both without images.
+    It was calibrated with a plate on a stage (its positions, millimetres) and placed with one view of a gauge
+    frame; both without images.
     """
     rng = np.random.default_rng([seed, 0, FOUR_WHEELS.index(name)])
     side = side_of_wheel(name)
@@ -50,7 +51,7 @@ def placed_rig(name: str, seed: int) -> RigCalibration:
     stands = nominal.perturbed(rng.normal(0.0, _ASKEW, 3), place_of_rig(name) + rng.normal(0.0, _OFF_MM, 3))
     true = replace(build_rig(RIG_SPECS["standard"], name, side, rng), vehicle_from_rig=stands)
     cameras, plate = cameras_of_rig(true), square_plate()
-    found = adjust(observe(cameras, plate, STAGES, rng).data).rig_calibration(name, name, side, nominal)
+    found = adjust(observe(cameras, plate, stages, rng).data).rig_calibration(name, name, side, nominal)
     certified = CertifiedPlate(
         nominal.perturbed(np.zeros(3), place_of_rig(name)), CERTIFICATE_MM, CERTIFICATE_ANGLE
     )
