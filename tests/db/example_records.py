@@ -173,7 +173,7 @@ def steering_axis(name: str = "front_left", **changes: Any) -> SteeringAxisRecor
         "caster_low": 0.0875, "caster_high": 0.125, "kpi": 0.2125, "kpi_u": 3e-4, "included_angle": 0.205,
         "included_angle_u": 3e-4, "toe_out": 0.025, "toe_out_u": 1e-4, "trail": 22.5, "trail_u": 0.25,
         "trail_low": 15.0, "trail_high": 30.0, "scrub": -8.5, "scrub_u": 0.5, "lock_left": 0.6,
-        "lock_left_u": 1e-4,
+        "lock_left_u": 1e-4, "warning": "it moved a little",
     }  # fmt: skip
     return SteeringAxisRecord(**(values | changes))
 
