@@ -11,6 +11,8 @@ _SLACK_DEG = 2.0
 """By which an angle may change between two samples however near they are: steps of sensor and frame."""
 _STILL_SHARE = 0.1
 """Of the way between two positions: an angle that changed by less has stood still."""
+_BEGINNING_S = 1.0
+"""Within which the first angle must be known."""
 Ended = tuple[SweepEnd, str]
 """Why a sweep ended, and what was seen."""
 
@@ -22,6 +24,8 @@ class SteeringWatch:
     ----------
     plan
         Of the sweep.
+    began_s
+        When it began, monotonic seconds.
 
     Attributes
     ----------
@@ -29,8 +33,9 @@ class SteeringWatch:
         Whether there must be an angle: it is required, or was there once.
     """
 
-    def __init__(self, plan: SweepPlan) -> None:
+    def __init__(self, plan: SweepPlan, began_s: float) -> None:
         self._plan = plan
+        self._began_s = began_s
         self.watched = plan.require_angle
         self._last: tuple[float, float] | None = None
         self._taken_deg: float | None = None
@@ -47,7 +52,9 @@ class SteeringWatch:
             Monotonic seconds.
         """
         if told is None or not told.fresh(self._plan.oldest_s):
-            return (SweepEnd.LOST, _unknown(told)) if self.watched else None
+            # The first frame of a message that begins only sets its counter.
+            begins = self._last is None and now - self._began_s < _BEGINNING_S
+            return (SweepEnd.LOST, _unknown(told)) if self.watched and not begins else None
         angle_deg, measured_s = _angle(told), now - told.age_s
         self.watched = True
         before, self._last = self._last, (angle_deg, measured_s)

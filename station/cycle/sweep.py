@@ -102,7 +102,7 @@ class Sweep:
         self._clock = clock
         self._bound_s = bound_s
         self._stopping = stopping
-        self._watch = SteeringWatch(plan)
+        self._watch = SteeringWatch(plan, clock())
         self._left_out: dict[str, list[str]] = {position.name: [] for position in positions}
         self._series: dict[str, list[WheelResult]] = {position.name: [] for position in positions}
         self.late: tuple[WheelPosition, ...] = ()

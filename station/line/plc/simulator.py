@@ -120,7 +120,7 @@ class PlcSimulator:
         self._keep = keep
         self._bus = bus
         self._database = database
-        self._clock = clock
+        self.clock = clock
         self.timeouts = timeouts
         self._sequence = sequence
         self._link = ProtectedLink(bus, database, clock)
@@ -218,7 +218,7 @@ class PlcSimulator:
         taken = None
         if status.busy or status.done:
             self.view.record()
-            taken = self.finish(None, status.sequence, self._clock())
+            taken = self.finish(None, status.sequence, self.clock())
         status = self.status or status
         if not status.ready and not status.busy:
             self.reset()
@@ -268,7 +268,7 @@ class PlcSimulator:
         self.view.wait("ready", self.timeouts.ready_s, lambda status: status.ready)
         sequence = self.number()
         self.view.record()
-        started_s = self._clock()
+        started_s = self.clock()
         self.give(CommandCode.START, order, sequence)
         self._wait_in_cycle("busy", self.timeouts.busy_s, sequence, lambda s: s.busy or s.done)
         self.withdraw(CommandCode.START, sequence)
@@ -378,7 +378,7 @@ class PlcSimulator:
     def _send_standing(self) -> None:
         with self._sending:
             standing = self._standing
-            now = self._clock()
+            now = self.clock()
             if standing.vin is not None or now >= self._vin_due_s:
                 for frame in self._vin_frames(standing.vin or _NO_VIN, standing.sequence):
                     self._send(frame)
@@ -452,7 +452,7 @@ class PlcSimulator:
             self.timeouts.acknowledged_s,
             lambda status: not status.done,
         )
-        acknowledged_s = self._clock()
+        acknowledged_s = self.clock()
         self.withdraw(CommandCode.ACKNOWLEDGE, sequence)
         received = self.view.recorded()
         return PlcResult(

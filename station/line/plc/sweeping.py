@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from station.line.plc.simulator import PlcSimulator
 
 SWEEPING = (HandshakeState.SWEEPING, HandshakeState.TURNING)
-_TURN_DEG, _TURN_S = 20.0, 0.1
+_TURN_DEG_S, _TURN_S = 200.0, 0.01
 _PASSING = frozenset({ErrorCode.BUSY, ErrorCode.STEP_INCOMPLETE})
 
 
@@ -77,15 +77,16 @@ def _turn(plc: PlcSimulator, angle_deg: float) -> None:
     """Turn the steering wheel, no faster than a robot would, and tell its angle all the while."""
     told = plc.teller.steering
     now_deg = angle_deg if told is None or told.angle_deg is None else told.angle_deg
-    while True:
-        left_deg = angle_deg - now_deg
-        now_deg += min(max(left_deg, -_TURN_DEG), _TURN_DEG)
-        plc.teller.steering = SteeringWheel(now_deg, 0.0, SteeringSource.VEHICLE)
-        # The station must have heard of the angle before it hears of the step.
-        plc.tick()
-        if now_deg == angle_deg:
-            return
+    before_s = plc.clock()
+    while now_deg != angle_deg:
         plc.view.wait_until(_TURN_S, lambda: False)
+        now_s = plc.clock()
+        most_deg, before_s = _TURN_DEG_S * (now_s - before_s), now_s
+        now_deg += min(max(angle_deg - now_deg, -most_deg), most_deg)
+        plc.teller.steering = SteeringWheel(now_deg, 0.0, SteeringSource.VEHICLE)
+    plc.teller.steering = SteeringWheel(angle_deg, 0.0, SteeringSource.VEHICLE)
+    # The station must have heard of the angle before it hears of the step.
+    plc.tick()
 
 
 def _is_taken(plc: PlcSimulator, step: Step, seen: int) -> bool:
@@ -105,7 +106,11 @@ def _next(plc: PlcSimulator, sequence: int, seen: int) -> SweepProgress | None:
         return status is None or status.sequence != sequence or status.handshake not in SWEEPING
 
     def wanted() -> bool:
-        return plc.view.turnings > seen and plc.status is not None and plc.status.handshake is SWEEPING[1]
+        status, told = plc.status, plc.view.progress
+        turning = status is not None and status.handshake is HandshakeState.TURNING
+        # The first frame of the progress only sets its counter.
+        known = told is not None and told[0] == sequence and told[1].state is SweepState.TURN
+        return turning and known and plc.view.turnings > seen
 
     if not plc.view.wait_until(plc.timeouts.done_s, lambda: over() or wanted()):
         raise LineTimeoutError(f"expected another position of sweep {sequence}; last status: {plc.status}")

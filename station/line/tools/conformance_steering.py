@@ -100,7 +100,9 @@ def lost_heartbeat(trial: Trial) -> None:
 
     result = _ended(trial, pause, 2)
     if result is not None:
-        trial.expect(f"aborted, found {result.vehicle.outcome}", result.vehicle.outcome is Outcome.ABORTED)
+        # With the heartbeat the angle is lost too; which of both is seen first is no matter.
+        ended = result.vehicle.outcome in (Outcome.ABORTED, Outcome.FAULT)
+        trial.expect(f"aborted or a fault, found {result.vehicle.outcome}", ended)
 
 
 def guidance(trial: Trial) -> None:
