@@ -43,6 +43,7 @@ from station.commands.replay import replay
 from station.commands.report import report
 from station.commands.simulate import simulate_app
 from station.commands.simulate_vehicle import simulate_vehicle_command
+from station.commands.steering import simulate_steering_command, steering_axis_command
 from station.commands.study import study
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
@@ -67,8 +68,10 @@ app.command()(demo)
 app.command()(init)
 app.command()(wheel.measure)
 app.command("measure-vehicle")(measure_vehicle_command)
+app.command("steering-axis")(steering_axis_command)
 app.command()(calibrate)
 simulate_app.command("vehicle")(simulate_vehicle_command)
+simulate_app.command("steering")(simulate_steering_command)
 simulate_app.command("plate-session")(simulate_plate_session_command)
 simulate_app.command("gauge-session")(simulate_gauge_session_command)
 app.command()(study)

@@ -1,3 +1,4 @@
+from .angles import SIGN as SIGN
 from .angles import camber_toe as camber_toe
 from .angles import normal_from_angles as normal_from_angles
 from .axles import AxleAngles as AxleAngles

@@ -73,11 +73,15 @@ from .validation import dump_json as dump_json
 from .validation import load_json as load_json
 from .validation import load_toml as load_toml
 from .validation import validate as validate
+from .vehicle import STEERING_TRUTH_FILE as STEERING_TRUTH_FILE
 from .vehicle import VEHICLE_FILE as VEHICLE_FILE
 from .vehicle import VEHICLE_TRUTH_FILE as VEHICLE_TRUTH_FILE
+from .vehicle import SteeringTruth as SteeringTruth
+from .vehicle import SteeringTruthFile as SteeringTruthFile
 from .vehicle import VehicleFile as VehicleFile
 from .vehicle import VehicleTruthFile as VehicleTruthFile
 from .vehicle import WheelOnVehicle as WheelOnVehicle
+from .vehicle import read_steering_truth as read_steering_truth
 from .vehicle import read_vehicle_facts as read_vehicle_facts
 from .vehicle import read_vehicle_truth as read_vehicle_truth
 from .vehicle import write_vehicle as write_vehicle

@@ -14,7 +14,7 @@ from sensors.formats.plate_session import PlateSessionFile
 from sensors.formats.plate_truth import PlateTruthFile
 from sensors.formats.shot_file import ShotFile
 from sensors.formats.truth import TruthFile
-from sensors.formats.vehicle import VehicleFile, VehicleTruthFile
+from sensors.formats.vehicle import SteeringTruthFile, VehicleFile, VehicleTruthFile
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "shot": ShotFile,
@@ -29,4 +29,5 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "plate-truth": PlateTruthFile,
     "vehicle": VehicleFile,
     "vehicle-truth": VehicleTruthFile,
+    "steering-truth": SteeringTruthFile,
 }

@@ -1,8 +1,9 @@
 """A vehicle before its rigs: what its maker states, and what a simulated one was.
 
 A folder of a vehicle holds ``vehicle.json`` and one folder for each rig, with a shot or with the exposures
-``turn_01`` … of a wheel that was turned, and the calibration that puts the rig into the stand's frame. A
-simulated one has a ``truth.json``, which the measuring code never opens.
+``turn_01`` … of a wheel that was turned, or ``pos_01`` … of one that was steered, and the calibration that
+puts the rig into the stand's frame. A simulated one has a ``truth.json`` or a ``steering_truth.json``,
+which the measuring code never opens.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from sensors.formats.files import write_bytes
 from sensors.formats.truth import LoadOptions
 from sensors.formats.validation import Name, StrictModel, dump_json, load_json, validate
 
-VEHICLE_FILE, VEHICLE_TRUTH_FILE = "vehicle.json", "truth.json"
+VEHICLE_FILE, VEHICLE_TRUTH_FILE, STEERING_TRUTH_FILE = "vehicle.json", "truth.json", "steering_truth.json"
 _Degrees = Annotated[float, Field(ge=-45, le=45)]
 _Length = Annotated[float, Field(ge=500, le=10_000)]
 _Small = Annotated[float, Field(ge=-1000, le=1000)]
@@ -103,6 +104,36 @@ class VehicleTruthFile(StrictModel):
     setback_rear_mm: _Small = Field(description="The same of the rear axle")
 
 
+class SteeringTruth(StrictModel):
+    """How one front wheel of a simulated vehicle is steered."""
+
+    caster_deg: _Degrees = Field(description="Against the thrust line; positive: the top leans rearward")
+    kpi_deg: _Degrees = Field(description="Kingpin inclination; positive: the top leans inboard")
+    included_angle_deg: _Degrees = Field(description="Kingpin inclination and camber of the spin axis")
+    trail_mm: _Small = Field(description="By how far the axis meets the road ahead of the contact centre")
+    scrub_mm: _Small = Field(description="By how far it meets the road inboard of the contact centre")
+    give_deg: _Degrees = Field(description="By which the axis leans inboard at 10° to the left; 0: it stands")
+    angles_deg: tuple[_Degrees, ...] = Field(
+        min_length=1, description="By which the wheel is steered about the axis at each position, to the left"
+    )
+
+
+class SteeringTruthFile(StrictModel):
+    """How a simulated vehicle was steered; what its ``steering_truth.json`` holds."""
+
+    schema_: Literal["truewheel.steering-truth/1"] = Field(
+        default="truewheel.steering-truth/1", alias="schema", description="Kind and version of this file"
+    )
+    seed: int = Field(ge=0, lt=2**64, description="Of the vehicle, its steering and its images")
+    wheels: dict[VehicleWheel, SteeringTruth] = Field(description="By front wheel")
+
+
+def read_steering_truth(path: str | PathLike[str]) -> SteeringTruthFile:
+    """Read how a simulated vehicle was steered; errors as `read_vehicle_facts`."""
+    path = Path(path)
+    return validate(SteeringTruthFile, load_json(path, "the truth of a simulated sweep"), file=path)
+
+
 def read_vehicle_facts(path: str | PathLike[str]) -> VehicleFile:
     """Read what is stated of a vehicle.
 
@@ -121,7 +152,9 @@ def read_vehicle_truth(path: str | PathLike[str]) -> VehicleTruthFile:
     return validate(VehicleTruthFile, load_json(path, "the truth of a simulated vehicle"), file=path)
 
 
-def write_vehicle(path: str | PathLike[str], vehicle: VehicleFile | VehicleTruthFile) -> None:
+def write_vehicle(
+    path: str | PathLike[str], vehicle: VehicleFile | VehicleTruthFile | SteeringTruthFile
+) -> None:
     """Write what is stated of a vehicle, or its truth, whole or not at all.
 
     Raises

@@ -31,6 +31,11 @@ from .simulated_rig import Road as Road
 from .simulated_rig import SimulatedRig as SimulatedRig
 from .simulated_rig import angles_about as angles_about
 from .simulated_rig import true_calibration as true_calibration
+from .steering import FRONT_WHEELS as FRONT_WHEELS
+from .steering import SteeredVehicle as SteeredVehicle
+from .steering import SteeringGeometry as SteeringGeometry
+from .steering import draw_steering as draw_steering
+from .steering import straight_vehicle as straight_vehicle
 from .turning import Rollers as Rollers
 from .turning import TurningWheel as TurningWheel
 from .turning import mean_truth as mean_truth

@@ -31,7 +31,7 @@ class MeasureOptions(StrictModel):
         default=300, ge=10, le=1_000_000, description="Fewer points per head refuse the measurement"
     )
     maximum_angle_deg: float = Field(
-        default=10.0, gt=0, le=10, description="Largest believable camber or toe, degrees"
+        default=10.0, gt=0, le=15, description="Largest believable camber or toe, degrees"
     )
     coverage_factor: float = Field(
         default=2.0,

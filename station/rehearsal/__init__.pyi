@@ -26,6 +26,7 @@ from .simulation import simulate_turning_wheel as simulate_turning_wheel
 from .simulation import simulate_wheel as simulate_wheel
 from .simulation import write_simulated_wheel as write_simulated_wheel
 from .simulation import write_turning_wheel as write_turning_wheel
+from .steering_simulation import write_steered_vehicle as write_steered_vehicle
 from .turning_station import TurningTimes as TurningTimes
 from .turning_station import images_station as images_station
 from .turning_station import planes_station as planes_station

@@ -188,7 +188,7 @@ def write_turning_wheel(
         truths.append(truth)
     mean = mean_truth(truths)
     write_truth(folder / "truth.json", mean)
-    _write_true_calibration(folder, calibration)
+    write_true_calibration(folder, calibration)
     return mean
 
 
@@ -204,10 +204,11 @@ def write_simulated_wheel(
     """
     write_shot(folder, shot)
     write_truth(folder / "truth.json", truth)
-    _write_true_calibration(folder, calibration)
+    write_true_calibration(folder, calibration)
 
 
-def _write_true_calibration(folder: Path, calibration: RigCalibration) -> None:
+def write_true_calibration(folder: Path, calibration: RigCalibration) -> None:
+    """Write the true cameras of a rig as its ``calibration.json``."""
     write_calibration(
         folder / "calibration.json",
         calibration,

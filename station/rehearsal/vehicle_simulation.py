@@ -79,7 +79,7 @@ def write_simulated_vehicle(
     for wheel in FOUR_WHEELS:
         drawn = vehicle.scene(wheel, stand)
         scene = replace(drawn, ambient=config.ambient, optics=Optics(**config.optics.model_dump()))
-        photographer = _Photographer(vehicle, stand, wheel, config.cameras.settings())
+        photographer = Photographer(vehicle, stand, wheel, config.cameras.settings())
         if turns:
             exposures = photographer.turning(scene, rollers or Rollers(), turns)
             truths[wheel] = write_turning_wheel(folder / wheel, exposures, stand.rigs[wheel])
@@ -90,11 +90,11 @@ def write_simulated_vehicle(
         wheel_done()
     truth = truth_of_vehicle(vehicle, stand, truths, turns > 0)
     write_vehicle(folder / VEHICLE_TRUTH_FILE, truth)
-    write_vehicle(folder / VEHICLE_FILE, _stated(vehicle, tyre_width_sigma_mm))
+    write_vehicle(folder / VEHICLE_FILE, stated_vehicle(vehicle, tyre_width_sigma_mm))
     return truth
 
 
-class _Photographer:
+class Photographer:
     """Takes the shots of one wheel, each with noise of its own."""
 
     def __init__(self, vehicle: Vehicle, stand: SimulatedStand, wheel: str, settings: CameraSettings) -> None:
@@ -102,6 +102,7 @@ class _Photographer:
         self._calibration, self._settings = stand.rigs[wheel], settings
 
     def shot(self, scene: WheelScene, number: int) -> WheelShot:
+        """Take one shot."""
         return simulate_shot(
             scene,
             self._calibration,
@@ -114,13 +115,15 @@ class _Photographer:
     def turning(
         self, scene: WheelScene, rollers: Rollers, turns: int
     ) -> Iterator[tuple[WheelShot, WheelTruth]]:
+        """Take the shots of a wheel on rollers, each with its truth."""
         wheel = TurningWheel(scene, rollers, self._rng, self._settings.exposure_ms)
         for number in range(1, turns + 1):
             seen = wheel.exposure(number)
             yield self.shot(seen, number), truth_of(seen)
 
 
-def _stated(vehicle: Vehicle, tyre_width_sigma_mm: float) -> VehicleFile:
+def stated_vehicle(vehicle: Vehicle, tyre_width_sigma_mm: float) -> VehicleFile:
+    """Return what ``vehicle.json`` says of a vehicle before a rig for each wheel."""
     spec = vehicle.spec
     return VehicleFile(
         name=spec.name,

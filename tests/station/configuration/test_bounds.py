@@ -128,7 +128,7 @@ BOUNDS = (
     Bounds(HealthOptions, "row_warn_px", 0.1, NOUGHT, 0.0, 100.0, 100.1),
     Bounds(HealthOptions, "row_stop_px", None, 0.11, 0.0, 100.0, 100.1),
     Bounds(MeasureOptions, "minimum_points", 300, 10, 9, 1_000_000, 1_000_001),
-    Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 10.0, 10.001),
+    Bounds(MeasureOptions, "maximum_angle_deg", 10.0, NOUGHT, 0.0, 15.0, 15.001),
     Bounds(MeasureOptions, "coverage_factor", 2.0, 1.6, 1.599, 5.0, 5.001),
     Bounds(StandOptions, "road_z_mm", None, -2000.0, -2000.1, 2000.0, 2000.1),
     Bounds(StandOptions, "temperature_sigma_k", 2.0, 0.0, -JUST, 30.0, 30.001),
