@@ -18,7 +18,7 @@ help:
 	@echo "make lint     format, style, types, import layers"
 	@echo "make coverage whether every branch of verdict and handshake is run by its own tests"
 	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
-	@echo "make mutants  mutation testing of the verdict and the line's handshake"
+	@echo "make mutants  mutation testing of the verdict, of straight ahead and ride height, and of the line's handshake"
 	@echo "make bench    the program against its peers, in one run"
 	@echo "make setup    only install, into .venv"
 	@echo "make clean    remove .venv"

@@ -13,6 +13,7 @@ import shutil
 import tomllib
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from db.store import ResultStore
 from sensors.formats import SCHEMAS, read_plate
 from station.cli import commands, main
 from station.configuration.settings import StationConfig, read_configuration, read_station
+from station.configuration.vehicle_types import VehicleType
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import folder_of_month
 
@@ -148,6 +150,12 @@ def toml_is_read(fence: Fence, folder: Path) -> None:
         return
     if "axles" in found:
         vehicle_type_is_added(fence, folder)
+        return
+    if set(found) <= set(VehicleType.model_fields) - set(StationConfig.model_fields):
+        # Tables that the page puts behind its vehicle type.
+        first = next(f for f in FENCES if f.document == fence.document and "[axles." in f.text)
+        behind = replace(fence, text=f"{first.text}\n{fence.text}")
+        vehicle_type_is_added(behind, folder)
         return
     # A part of a station's configuration: the delivered one with this part instead must be read.
     text = (ROOT / "configs" / "station.toml").read_text(encoding="utf-8")

@@ -44,6 +44,9 @@ PRELOADED = (
 TIMEOUT_S = 120
 # By module and mutant: why no caller can tell it from the original.
 EQUIVALENT: dict[tuple[str, str], str] = {
+    ("station.cycle.straight_ahead", 'Gt -> GtE: side = "left" if wheel_deg > 0.0 else "right"'): (
+        "it stands farther from straight than a limit that is above nothing"
+    ),
     ("station.line.handshake", "False -> True: self._final = False"): (
         "before the first command the reply is to none, and no command is equal to it"
     ),

@@ -90,6 +90,8 @@ class SteeringAxisRecord:
         How it was measured, for people, and at how many positions of the steering.
     residual
         Scatter about one axis that stands still, over what the measurements' uncertainties say: about 1.
+    warning
+        What speaks against one axis that stands still, for people; None where nothing does.
     reason_code, reason_text
         Why there is no axis, for programs and for people.
     caster, kpi, included_angle, toe_out, trail, scrub
@@ -105,6 +107,7 @@ class SteeringAxisRecord:
     method: str | None = None
     positions: int | None = None
     residual: float | None = None
+    warning: str | None = None
     reason_code: str | None = None
     reason_text: str | None = None
     caster: float | None = None

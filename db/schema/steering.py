@@ -86,6 +86,7 @@ steering_axis_results = Table(
     Column("positions", Integer),
     # Scatter about one axis that stands still, over what uncertainties say.
     Column("residual", Double),
+    Column("warning", Text),
     Column("reason_code", Text),
     Column("reason_text", Text),
     *(Column(name, Double) for quantity in OF_STEERING_AXIS for name in _columns(quantity, "_u")),

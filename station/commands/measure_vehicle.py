@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from station.commands.by_hand import corrected_json, corrected_lines, corrections_by_hand
 from station.commands.output import GOAL_MISSED, JsonFlag, print_json
 from station.commands.warm_up import compiled_for_images
 
@@ -36,6 +37,25 @@ def measure_vehicle_command(
         Path | None,
         typer.Option(help="Station's configuration whose [measure] and [stand] count.", show_default=False),
     ] = None,
+    vehicle_type: Annotated[
+        Path | None,
+        typer.Option(
+            help="Vehicle type whose [steering] and [ride_height] count: angles are told as they are judged.",
+            show_default=False,
+        ),
+    ] = None,
+    steering_wheel_deg: Annotated[
+        float | None,
+        typer.Option(help="How the steering wheel stood, degrees, positive to the left.", show_default=False),
+    ] = None,
+    ride_height: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHEEL=MM",
+            help="Ride height of a wheel, such as front_left=391.5; once for each.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Measure all wheels of a recorded vehicle in its own frame; exit status 1 when one is refused."""
@@ -50,13 +70,21 @@ def measure_vehicle_command(
     vehicle = read_vehicle_facts(folder / VEHICLE_FILE)
     if vehicle.road_z_mm is not None:
         options = options.model_copy(update={"road_z_mm": vehicle.road_z_mm})
-    wheels = [measured_wheel(one, settings, as_json) for one in recorded_wheels(folder, vehicle)]
+    recorded = recorded_wheels(folder, vehicle)
+    by_hand = corrections_by_hand(
+        vehicle_type, steering_wheel_deg, ride_height or (), [one.wheel for one in recorded]
+    )
+    wheels = [measured_wheel(one, settings, as_json) for one in recorded]
     geometry = geometry_of_wheels(folder, vehicle, wheels, options.stand(), settings.coverage_factor)
     result = vehicle_as_json(wheels, geometry, settings.coverage_factor)
+    if by_hand is not None:
+        result = corrected_json(result, geometry, *by_hand, settings.coverage_factor)
     if as_json:
         print_json(result)
     else:
         _print(result)
+        for line in () if by_hand is None else corrected_lines(result):
+            typer.echo(line)
     if result["outcome"] == "refused":
         raise typer.Exit(GOAL_MISSED)
 

@@ -29,3 +29,4 @@ from .tolerances import Tolerance as Tolerance
 from .toml import read_toml as read_toml
 from .vehicle_types import Measured as Measured
 from .vehicle_types import VehicleType as VehicleType
+from .vehicle_types import read_vehicle_type as read_vehicle_type

@@ -1,5 +1,7 @@
 from .acceptance import corrected_and_judged as corrected_and_judged
 from .coalesced import Coalesced as Coalesced
+from .corrections import Corrections as Corrections
+from .corrections import corrections as corrections
 from .failure import Failure as Failure
 from .following import Follower as Follower
 from .frame import CommonFrame as CommonFrame
@@ -43,6 +45,9 @@ from .steering_words import Step as Step
 from .steering_words import StraightAhead as StraightAhead
 from .steering_words import SweepProgress as SweepProgress
 from .steering_words import SweepState as SweepState
+from .straight_ahead import steering_wheel_offset as steering_wheel_offset
+from .sweep_ends import SWEEP_ENDS as SWEEP_ENDS
+from .sweep_ends import SweepEnd as SweepEnd
 from .vehicle_words import NOTHING_TOLD as NOTHING_TOLD
 from .vehicle_words import RideHeights as RideHeights
 from .vehicle_words import SteeringSource as SteeringSource

@@ -9,10 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from typing import Any, Protocol
 
 from alignment.errors import TruewheelError, together
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
+from alignment.measure_steering import steered_settings
 from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
@@ -266,6 +268,11 @@ class WheelPosition:
         """Side of the vehicle."""
         return self.in_force.calibration.side
 
+    @cached_property
+    def steered_rig(self) -> PreparedRig:
+        """The rig as prepared for wheels that are steered."""
+        return PreparedRig.of(self.in_force.calibration, steered_settings(self._settings))
+
     def failed(self, failure: Failure) -> WheelResult:
         """Return the result of this wheel when it was not measured."""
         valid = self.in_force.valid_at(self._now())
@@ -287,6 +294,8 @@ class WheelPosition:
         zeros: Sequence[ZeroRecord] = (),
         live: LiveSpin | None = None,
         follower: Follower | None = None,
+        *,
+        steered: bool = False,
     ) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
 
@@ -298,6 +307,8 @@ class WheelPosition:
             Takes the run-out of a series off the tyre plane.
         follower
             Of this position, and of shots that follow each other.
+        steered
+            Whether the wheel may be steered far from straight ahead, as in a sweep.
         """
         self._retaking.begin()
         try:
@@ -309,8 +320,10 @@ class WheelPosition:
             # Its cameras could not be made ready for another attempt.
             return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         started = self.clock()
+        rig = self.steered_rig if steered else self._known_rig
+        settings = steered_settings(self._settings) if steered else self._settings
         measure = self._measure if follower is None else follower.measure
-        found = measure(shot.images, self._known_rig, self._settings)
+        found = measure(shot.images, rig, settings)
         if live is not None and isinstance(found, WheelMeasurement):
             found = _live(live, found, shot)
         return self._result(found, shot, self.clock() - started, zeros, None)

@@ -107,6 +107,8 @@ class PreparedPosition(WheelPosition):
         zeros: Sequence[ZeroRecord] = (),
         live: LiveSpin | None = None,
         follower: Follower | None = None,
+        *,
+        steered: bool = False,
     ) -> WheelResult:
         """Return the result of the shot that the rig was armed for."""
         if self._shot_s > 0.0:

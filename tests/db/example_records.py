@@ -20,6 +20,8 @@ from db.records import (
     InstallationRecord,
     RetentionClass,
     StationRecord,
+    SteeringAxisRecord,
+    SteeringRecord,
     StudyKind,
     VehicleAnglesRecord,
     VehicleRecord,
@@ -148,6 +150,42 @@ def geometry(**changes: Any) -> GeometryRecord:
         **lengths, **{f"{name}_u": 0.0625 for name in lengths},
     }  # fmt: skip
     return GeometryRecord(**(values | changes))
+
+
+def steering(**changes: Any) -> SteeringRecord:
+    """A steering wheel held a little to the left, its offset inside of the limits; a sweep's differences."""
+    values: dict[str, Any] = {
+        "straight_ahead": "checked", "verdict": Verdict.OK, "guard_band": True, "coverage_factor": 2.0,
+        "steering_wheel": 0.05, "steering_wheel_u": 0.003, "steering_wheel_age_s": 0.125, "steer": 0.003125,
+        "steer_u": 2e-4, "steering_wheel_offset": 0.0125, "steering_wheel_offset_u": 0.004,
+        "steering_wheel_offset_low": -0.03125, "steering_wheel_offset_high": 0.03125,
+        "caster_difference": 0.005, "caster_difference_u": 3e-5, "caster_difference_low": -0.0125,
+        "caster_difference_high": 0.0125, "kpi_difference": -0.0025, "kpi_difference_u": 4e-4,
+    }  # fmt: skip
+    return SteeringRecord(**(values | changes))
+
+
+def steering_axis(name: str = "front_left", **changes: Any) -> SteeringAxisRecord:
+    """An axis of which all is inside of its limits."""
+    values: dict[str, Any] = {
+        "wheel": name, "verdict": Verdict.OK, "guard_band": True, "coverage_factor": 2.0,
+        "method": "steering_axis", "positions": 41, "residual": 1.0625, "caster": 0.105, "caster_u": 2e-5,
+        "caster_low": 0.0875, "caster_high": 0.125, "kpi": 0.2125, "kpi_u": 3e-4, "included_angle": 0.205,
+        "included_angle_u": 3e-4, "toe_out": 0.025, "toe_out_u": 1e-4, "trail": 22.5, "trail_u": 0.25,
+        "trail_low": 15.0, "trail_high": 30.0, "scrub": -8.5, "scrub_u": 0.5, "lock_left": 0.6,
+        "lock_left_u": 1e-4, "warning": "it moved a little",
+    }  # fmt: skip
+    return SteeringAxisRecord(**(values | changes))
+
+
+def corrected_wheel(name: str = "front_left", **changes: Any) -> WheelRecord:
+    """A wheel whose toe is that of straight ahead, and its angles those of the design height."""
+    values: dict[str, Any] = {
+        "camber_raw": -0.004, "toe_raw": -0.001, "camber_raw_u": 9e-6, "toe_raw_u": 9e-6,
+        "ride_height": "corrected", "ride_height_mm": 391.5, "ride_height_u_mm": 1.0,
+        "design_height_mm": 380.0,
+    }  # fmt: skip
+    return wheel(name, **(values | changes))
 
 
 def cycle(uuid: UUID | None = None, **changes: Any) -> CycleRecord:

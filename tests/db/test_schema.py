@@ -32,6 +32,8 @@ from db.schema import (
     geometry_results,
     metadata,
     outbox,
+    steering_axis_results,
+    steering_results,
     vehicle_results,
     vehicles,
     wheel_results,
@@ -45,6 +47,7 @@ from tests.db.example_records import (
     NOON,
     axle,
     check,
+    corrected_wheel,
     cycle,
     geometry,
     installation,
@@ -53,6 +56,8 @@ from tests.db.example_records import (
     revocation,
     shot,
     station,
+    steering,
+    steering_axis,
     study,
     study_value,
     wheel,
@@ -77,7 +82,7 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_check(check())
             store.record_zero(zero())
             store.revoke_zero(revocation())
-            measured = cycle(geometry=geometry())
+            measured = cycle(geometry=geometry(), steering=steering(), steering_axes=(steering_axis(),))
             store.write_cycle(measured)
             store.describe_station(station(), (limits(),), (installation(),))
             planned, kept = study(), shot(measured.uuid)
@@ -126,6 +131,12 @@ def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None
     connection.execute(table.insert().values(**values))
 
 
+CORRECTED = flat_values(corrected_wheel())
+UNCHECKED: dict[str, Any] = {
+    "straight_ahead": "not_checked", "reason_text": "no angle was told", "steer": None, "steer_u": None,
+}  # fmt: skip
+NO_AXIS: dict[str, Any] = {"caster": None, "caster_u": None, "verdict": Verdict.NONE}
+REASON = {"reason_code": "sweep_too_small", "reason_text": "turn it farther"}
 FAULT = {"outcome": CycleOutcome.FAULT, "reason_code": "camera", "reason_text": "no frame"}
 IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (cycles, "verdict_has_vehicle_and_time", {"vehicle_id": None}),
@@ -209,6 +220,51 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (geometry_results, "possible_lengths", {"place_x": float("inf")}),
     (geometry_results, "possible_uncertainties", {"axle_offset_u": 0.0}),
     (geometry_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
+    (wheel_results, "raw_is_complete", {"toe_raw": 0.0}),
+    (wheel_results, "raw_is_complete", CORRECTED | {"camber_raw_u": None}),
+    (
+        wheel_results,
+        "raw_is_complete",
+        flat_values(refused_wheel(camber_raw=0.0, toe_raw=0.0, camber_raw_u=1e-5, toe_raw_u=1e-5)),
+    ),
+    (wheel_results, "possible_raw_angles", CORRECTED | {"toe_raw": 4.0}),
+    (wheel_results, "possible_raw_uncertainties", CORRECTED | {"toe_raw_u": 0.0}),
+    (wheel_results, "possible_ride_height", {"ride_height": "high"}),
+    (wheel_results, "possible_ride_height", {"ride_height_mm": -1.0}),
+    (wheel_results, "refused_height_has_no_verdict", {"ride_height": "refused"}),
+    (wheel_results, "refused_height_has_no_verdict", {"ride_height": "missing"}),
+    (wheel_results, "corrected_height_is_explained", {"ride_height": "corrected"}),
+    (steering_results, "straight_ahead", {"straight_ahead": "perhaps", "steer": None, "steer_u": None}),
+    (steering_results, "reason_in_words", {"reason_text": "it was"}),
+    (steering_results, "reason_in_words", UNCHECKED | {"reason_text": None}),
+    (steering_results, "checked_has_angles", {"steer": None, "steer_u": None}),
+    (steering_results, "checked_has_angles", UNCHECKED | {"steer": 0.0, "steer_u": 1e-4}),
+    (steering_results, "checked_has_wheel", {"steering_wheel": None, "steering_wheel_u": None}),
+    (steering_results, "values_have_uncertainties", {"steering_wheel_offset_u": None}),
+    (steering_results, "refused_has_no_verdict", UNCHECKED | {"straight_ahead": "refused"}),
+    (steering_results, "verdict_is_explained", {"guard_band": None}),
+    (steering_results, "ok_is_within_limits", {"steering_wheel_offset": 0.05}),
+    (steering_results, "ok_is_within_limits", {"caster_difference": 0.05}),
+    (steering_results, "limits_in_order", {"verdict": Verdict.NOK, "caster_difference_low": 0.1}),
+    (steering_results, "possible_wheel", {"steering_wheel": 20.1}),
+    (steering_results, "possible_wheel", {"steering_wheel_age_s": -0.1}),
+    (steering_results, "possible_angles", {"steer": 3.3}),
+    (steering_results, "possible_uncertainties", {"kpi_difference_u": 0.0}),
+    (steering_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
+    (steering_axis_results, "wheel_not_empty", {"wheel": ""}),
+    (steering_axis_results, "reason_in_words", {"reason_code": "small"}),
+    (steering_axis_results, "unmeasured_has_reason", NO_AXIS),
+    (steering_axis_results, "unmeasured_has_no_verdict", NO_AXIS | REASON | {"verdict": Verdict.OK}),
+    (steering_axis_results, "measured_is_explained", {"method": None}),
+    (steering_axis_results, "values_have_uncertainties", {"lock_left_u": None}),
+    (steering_axis_results, "verdict_is_explained", {"coverage_factor": None}),
+    (steering_axis_results, "ok_is_within_limits", {"trail": 31.0}),
+    (steering_axis_results, "limits_in_order", {"verdict": Verdict.NOK, "caster_low": 0.2}),
+    (steering_axis_results, "possible_angles", {"kpi": 3.3}),
+    (steering_axis_results, "possible_lengths", {"scrub": float("inf")}),
+    (steering_axis_results, "possible_uncertainties", {"scrub_u": 0.0}),
+    (steering_axis_results, "possible_quality", {"positions": -1}),
+    (steering_axis_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
     (calibrations, "validity", {"valid_until_utc": NOON}),
     (calibration_checks, "has_figures", {"as_found": None}),
     (calibration_checks, "reason_not_empty", {"reason": ""}),
@@ -229,6 +285,8 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     axle_results: flat_values(axle()),
     vehicle_results: flat_values(ANGLES),
     geometry_results: flat_values(geometry()),
+    steering_results: flat_values(steering()),
+    steering_axis_results: flat_values(steering_axis()),
     calibrations: flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
     calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},

@@ -286,3 +286,102 @@ def test_broken_folder_is_one_clear_error(
     assert ended.out == ""
     assert said in ended.err
     assert ended.err.count("expected") == 1
+
+
+KIND_BY_HAND = """number = 3
+name = "Held"
+tyre_width_mm = 195.0
+[axles.front]
+camber = { lower_deg = -1.0, upper_deg = 1.0 }
+toe = { lower_deg = -0.5, upper_deg = 0.5 }
+[axles.rear]
+camber = { lower_deg = -1.0, upper_deg = 1.0 }
+toe = { lower_deg = -0.5, upper_deg = 0.5 }
+[steering]
+ratio = 16.0
+ratio_sigma = 0.0
+[ride_height]
+require = false
+[ride_height.at.front]
+design_mm = 380.0
+points = [
+  { height_mm = 340.0, camber_deg = 0.4, toe_deg = 0.08 },
+  { height_mm = 420.0, camber_deg = -0.4, toe_deg = -0.08 },
+]
+"""
+
+
+def test_steering_wheel_and_ride_height_by_hand_bring_angles_to_where_they_are_judged(
+    truewheel: Truewheel, vehicle: Path, tmp_path: Path
+) -> None:
+    kind = tmp_path / "held.toml"
+    kind.write_text(KIND_BY_HAND, encoding="utf-8")
+    raw = truewheel("measure-vehicle", vehicle, "--json").json
+    by_hand = ("--vehicle-type", kind, "--steering-wheel-deg", "3.2", "--ride-height", "front_left=390")
+    ended = truewheel("measure-vehicle", vehicle, *by_hand, "--json")
+    assert ended.status == 0, ended.err
+    found = ended.json
+    assert (found["outcome"], found["straight_ahead"]) == ("measured", "checked")
+    left, right, rear = (found["wheels"][name] for name in ("front_left", "front_right", "rear_left"))
+    for name, wheel in found["wheels"].items():
+        assert (wheel["raw_toe_deg"], wheel["raw_camber_deg"]) == (
+            raw["wheels"][name]["toe_deg"], raw["wheels"][name]["camber_deg"],
+        )  # fmt: skip
+    # 3.2° of the steering wheel are 0.2° of the front wheels; 10 mm are 0.1° of camber and 0.02° of toe.
+    assert left["toe_deg"] == pytest.approx(left["raw_toe_deg"] + 0.2 + 0.02, abs=1e-9)
+    assert right["toe_deg"] == pytest.approx(right["raw_toe_deg"] - 0.2, abs=1e-9)
+    assert left["camber_deg"] == pytest.approx(left["raw_camber_deg"] + 0.1, abs=1e-9)
+    assert (right["camber_deg"], rear["toe_deg"]) == (
+        pytest.approx(right["raw_camber_deg"]), pytest.approx(rear["raw_toe_deg"]),
+    )  # fmt: skip
+    assert (left["ride_height"], right["ride_height"], rear["ride_height"]) == (
+        "corrected", "not_known", "not_asked",
+    )  # fmt: skip
+    assert left["toe_u95_deg"] > raw["wheels"]["front_left"]["toe_u95_deg"]
+    total = raw["axles"]["front"]["total_toe_deg"]
+    assert found["axles"]["front"]["total_toe_deg"] == pytest.approx(total + 0.02, abs=1e-9)
+    assert found["thrust_angle_deg"] == pytest.approx(raw["thrust_angle_deg"], abs=1e-9)
+    half = 0.5 * (
+        raw["wheels"]["front_left"]["toe_to_thrust_deg"] - raw["wheels"]["front_right"]["toe_to_thrust_deg"]
+    )
+    assert found["steering_wheel_offset_deg"] == pytest.approx(3.2 + 16.0 * (half + 0.01), abs=1e-6)
+    for_people = truewheel("measure-vehicle", vehicle, *by_hand)
+    assert "toe is that of straight ahead: the steering wheel stood at +3.20°" in for_people.out
+    assert "front_left stood at 390 mm and is judged at 380 mm" in for_people.out
+    # A type that requires straight ahead tells no judged toe without it.
+    ended = truewheel("measure-vehicle", vehicle, "--vehicle-type", kind, "--json")
+    assert ended.status == 1
+    assert (ended.json["outcome"], ended.json["straight_ahead"]) == ("refused", "refused")
+    assert "straight ahead not checked" in ended.json["reason"]
+    assert ended.json["wheels"]["front_left"]["toe_deg"] == pytest.approx(left["raw_toe_deg"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--steering-wheel-deg", "3"), "'--steering-wheel-deg': expected a vehicle type"),
+        (("--ride-height", "front_left=390"), "'--ride-height': expected a vehicle type"),
+        (("--vehicle-type", "KIND", "--steering-wheel-deg", "1081"), "within ±1080°"),
+        (("--vehicle-type", "KIND", "--steering-wheel-deg", "nan"), "within ±1080°"),
+        (("--vehicle-type", "KIND", "--ride-height", "front_left"), "WHEEL=MILLIMETRES"),
+        (("--vehicle-type", "KIND", "--ride-height", "front_left=high"), "found 'front_left=high'"),
+        (("--vehicle-type", "KIND", "--ride-height", "front_left=inf"), "WHEEL=MILLIMETRES"),
+        (("--vehicle-type", "KIND", "--ride-height", "middle=380"), "each wheel of front_left"),
+        (
+            ("--vehicle-type", "KIND", "--ride-height", "rear_left=1", "--ride-height", "rear_left=2"),
+            "at most once",
+        ),
+        (("--vehicle-type", "nowhere.toml", "--steering-wheel-deg", "3"), "nowhere.toml"),
+    ],
+)
+def test_what_was_said_by_hand_and_cannot_be_is_one_clear_error(
+    truewheel: Truewheel, rendered_vehicle: Path, tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    """Nothing is measured before."""
+    kind = tmp_path / "held.toml"
+    kind.write_text(KIND_BY_HAND, encoding="utf-8")
+    given = [str(kind) if argument == "KIND" else argument for argument in arguments]
+    ended = truewheel("measure-vehicle", rendered_vehicle, *given, "--json")
+    assert (ended.status, ended.out) == (2, "")
+    assert said in ended.err
+    assert ended.err.count("expected") == 1

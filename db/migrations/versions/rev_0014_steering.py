@@ -105,6 +105,7 @@ def _axis_columns() -> list[sa.Column[Any]]:
         sa.Column("method", sa.Text()),
         sa.Column("positions", sa.Integer()),
         sa.Column("residual", sa.Double()),
+        sa.Column("warning", sa.Text()),
         sa.Column("reason_code", sa.Text()),
         sa.Column("reason_text", sa.Text()),
         *_numbers(*(f"{name}{end}" for name in (*_ANGLES, *_LENGTHS) for end in _ENDS)),

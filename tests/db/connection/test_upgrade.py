@@ -38,6 +38,7 @@ from tests.db.example_records import (
     CALIBRATION,
     NOON,
     check,
+    corrected_wheel,
     cycle,
     given,
     installation,
@@ -45,6 +46,8 @@ from tests.db.example_records import (
     revocation,
     shot,
     station,
+    steering,
+    steering_axis,
     study,
     study_value,
     zero,
@@ -122,8 +125,12 @@ def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revis
         assert len(store.calibration_checks(CALIBRATION.id)) == (revision >= "0002")
         assert len(store.zeros()) == (revision >= "0003")
         assert store.counts()["gauge_values"] == (revision >= "0004")
-        # It goes on where it was.
-        store.write_cycle(cycle())
+        # It goes on where it was, and stores what it never knew.
+        steered = cycle(wheels=(corrected_wheel(),), steering=steering(), steering_axes=(steering_axis(),))
+        store.write_cycle(steered)
+        found = store.cycle(steered.uuid)
+        assert found is not None
+        assert found.record == steered
     engine = make_engine(parse_url(empty_database_url), timeout_s=5.0)
     assert bring_up_to_date(engine) == len(RECORDS) + 1
     engine.dispose()

@@ -11,7 +11,12 @@ import pytest
 
 from alignment.errors import InputError
 from db.records import CalibrationRecord, CycleOutcome, EventRecord, Severity, Verdict
-from tests.db.example_records import NOON, WHEELS, axle, cycle, refused_wheel, wheel
+from tests.db.example_records import NOON, WHEELS, axle, cycle, refused_wheel, steering, steering_axis, wheel
+
+NOT_STRAIGHT: dict[str, Any] = {
+    "straight_ahead": "refused", "reason_text": "no angle", "verdict": Verdict.NONE, "steer": None,
+    "steer_u": None,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -55,6 +60,29 @@ def test_no_ok_for_a_vehicle_that_was_not_measured_good(wheels: tuple[Any, ...])
 def test_a_bad_axle_is_no_ok_either() -> None:
     with pytest.raises(InputError, match="for 'ok'"):
         cycle(axles=(axle(verdict=Verdict.NOK),))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"steering": steering(**NOT_STRAIGHT)},
+        {"steering": steering(verdict=Verdict.NOK)},
+        {"steering_axes": (steering_axis(verdict=Verdict.NOK),)},
+        {"steering_axes": (steering_axis(caster=None, caster_u=None, verdict=Verdict.NONE),)},
+        {"wheels": (wheel(), wheel("front_right", verdict=Verdict.NONE, ride_height="refused"))},
+        {"wheels": (wheel(), wheel("front_right", verdict=Verdict.NONE, ride_height="missing"))},
+    ],
+    ids=["not_straight", "offset", "axis", "no_axis", "height", "no_height"],
+)
+def test_no_ok_where_straight_ahead_a_height_or_an_axis_forbids_it(changes: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="for 'ok'"):
+        cycle(**changes)
+    assert cycle(steering=steering(), steering_axes=(steering_axis(),)).verdicts[-2:] == (Verdict.OK,) * 2
+
+
+def test_a_wheel_has_one_steering_axis() -> None:
+    with pytest.raises(InputError, match="each name once"):
+        cycle(steering_axes=(steering_axis(), steering_axis()))
 
 
 def test_nok_needs_something_that_is_not_good() -> None:

@@ -34,6 +34,8 @@ from tests.db.example_records import (
     revocation,
     shot,
     station,
+    steering,
+    steering_axis,
     study,
     study_value,
     wheel,
@@ -41,7 +43,8 @@ from tests.db.example_records import (
 )
 from tests.once import folder_once
 
-CYCLES = [cycle(UUID(int=number)) for number in range(1, 5)]
+_STEERED = {"steering": steering(), "steering_axes": (steering_axis(), steering_axis("front_right"))}
+CYCLES = [cycle(UUID(int=number), **(_STEERED if number == 2 else {})) for number in range(1, 5)]
 EVENT = EventRecord(
     NOON, "EOL-1", Severity.INFO, "station", "start", "begonnen: 100 % „gut“", 3.5, uuid=UUID(int=5)
 )
@@ -146,6 +149,10 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
         ("wheel_results", "degraded = true"),
         ("axle_results", "total_toe_u = 1e-4"),
         ("vehicle_results", "thrust_angle = -thrust_angle"),
+        ("wheel_results", "ride_height = 'not_known'"),
+        ("steering_results", "steering_wheel = 0.0"),
+        ("steering_results", "steer_u = steer_u * 2.0"),
+        ("steering_axis_results", "caster = caster + 1e-12"),
         ("calibrations", 'document = \'{"schema": "calibration", "fx": 2500.5}\''),
         ("calibration_checks", "outcome = 'out'"),
         ("zero_measurements", "certified_toe = 2e-5"),

@@ -15,6 +15,7 @@ from sensors.formats.truth import LoadOptions
 from sensors.simulation.driver import RollerOptions, SimulatedOptions, VehicleOptions
 from station.configuration.health import HealthOptions
 from station.configuration.measure import MeasureOptions
+from station.configuration.ride_heights import HeightCurve, HeightPoint, RideHeightOptions
 from station.configuration.rigs import rig_model
 from station.configuration.settings import (
     ArchiveSettings,
@@ -26,10 +27,18 @@ from station.configuration.settings import (
     StationSettings,
     station_model,
 )
+from station.configuration.steering import SteeringOptions
 from station.configuration.tolerances import Tolerance
 from station.configuration.vehicle_types import VehicleType
 from station.rehearsal.simulation import OpticsOptions, PatternOptions, SimulationConfig
 
+HEIGHT_CURVE: dict[str, Any] = {
+    "design_mm": 380.0,
+    "points": [
+        {"height_mm": 50.0, "camber_deg": 0.0, "toe_deg": 0.0},
+        {"height_mm": 1500.0, "camber_deg": 0.0, "toe_deg": 0.0},
+    ],
+}
 NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     StationSettings: {"id": "station_1", "name": "One", "plant": "Plant"},
     DatabaseSettings: {"url": "sqlite:///x.db"},
@@ -48,6 +57,10 @@ NEEDED: dict[type[BaseModel], dict[str, Any]] = {
     PatternOptions: {"column_pitch_mm": 200.0, "row_pitch_mm": 200.0, "width_mm": 0.001, "edge_mm": 0.001},
     SimulationConfig: {},
     Tolerance: {},
+    SteeringOptions: {"ratio": 15.0},
+    HeightPoint: {"height_mm": 380.0, "camber_deg": 0.0, "toe_deg": 0.0},
+    HeightCurve: HEIGHT_CURVE,
+    RideHeightOptions: {"at": {"front": HEIGHT_CURVE}},
     VehicleType: {
         "number": 1,
         "name": "Car",
@@ -157,6 +170,19 @@ BOUNDS = (
     Bounds(VehicleType, "number", 1, 0, -1, 65_535, 65_536),
     Bounds(VehicleType, "tyre_width_mm", None, 80.0, 79.9, 500.0, 500.1),
     Bounds(VehicleType, "tyre_width_sigma_mm", 0.5, 0.0, -JUST, 5.0, 5.001),
+    Bounds(SteeringOptions, "ratio", 15.0, 5.0, 4.999, 40.0, 40.001),
+    Bounds(SteeringOptions, "ratio_sigma", 0.3, 0.0, -JUST, 5.0, 5.001),
+    Bounds(SteeringOptions, "offset_deg", 0.0, -45.0, -45.001, 45.0, 45.001),
+    Bounds(SteeringOptions, "angle_sigma_deg", 0.2, 0.001, 0.0009, 5.0, 5.001),
+    seconds(SteeringOptions, "oldest_s", 0.5, 60.0),
+    Bounds(SteeringOptions, "largest_deg", 5.0, NOUGHT, 0.0, 90.0, 90.001),
+    Bounds(HeightPoint, "height_mm", 380.0, 50.0, 49.999, 1500.0, 1500.001),
+    Bounds(HeightPoint, "camber_deg", 0.0, -15.0, -15.001, 15.0, 15.001),
+    Bounds(HeightPoint, "toe_deg", 0.0, -5.0, -5.001, 5.0, 5.001),
+    Bounds(HeightCurve, "design_mm", 380.0, 50.0, 49.999, 1500.0, 1500.001),
+    Bounds(RideHeightOptions, "sigma_mm", 1.0, 0.01, 0.009, 20.0, 20.001),
+    seconds(RideHeightOptions, "oldest_s", 60.0, 3600.0),
+    Bounds(RideHeightOptions, "largest_mm", 30.0, NOUGHT, 0.0, 300.0, 300.001),
 )
 
 

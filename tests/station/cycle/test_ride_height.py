@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import pytest
@@ -36,6 +37,9 @@ def test_a_type_without_a_curve_of_the_wheel_leaves_it_as_it_is() -> None:
     raw = WheelAngles(0.01, 0.02, 1e-5, 2e-5)
     assert NO_HEIGHT.at_design(raw) == raw
     assert not NO_HEIGHT.refused
+    assert NO_HEIGHT.outcome is HeightOutcome.NOT_ASKED
+    with pytest.raises(FrozenInstanceError):
+        NO_HEIGHT.toe = 1.0  # type: ignore[misc]
 
 
 def test_camber_and_toe_are_brought_to_the_design_height_with_what_is_not_known_of_the_height() -> None:

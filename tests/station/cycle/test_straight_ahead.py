@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import pytest
@@ -153,9 +154,20 @@ def test_the_bounds_themselves_are_accepted() -> None:
     assert straight_ahead(options(), [wheel(-5.0)]).state is CHECKED
     # √2 · 3 · 0.2° is what two readings of one angle may differ by.
     assert straight_ahead(options(), [wheel(0.0), wheel(0.848)]).state is CHECKED
+    assert straight_ahead(options(), [wheel(0.0), wheel(3.0 * math.sqrt(2.0) * 0.2)]).state is CHECKED
     far = straight_ahead(options(), [wheel(LARGEST_BELIEVED_DEG)])
     assert far.wheel == pytest.approx(math.radians(LARGEST_BELIEVED_DEG))
     assert "to the left of straight" in (far.reason or "")
+
+
+def test_a_steering_wheel_just_left_of_a_narrow_limit_stands_to_the_left() -> None:
+    found = straight_ahead(options(largest_deg=0.7), [wheel(0.8)])
+    assert "stands 0.80° to the left of straight" in (found.reason or "")
+
+
+def test_what_was_found_does_not_change_any_more() -> None:
+    with pytest.raises(FrozenInstanceError):
+        straight_ahead(options(), [wheel(1.0)]).steer = 0.0  # type: ignore[misc]
 
 
 def test_the_mean_of_all_angles_counts_and_the_oldest_age_is_told() -> None:
