@@ -50,6 +50,11 @@ class SweepPlan(StrictModel):
     attempts: int = Field(
         default=3, ge=1, le=20, description="How often a position is wanted that a step did not reach"
     )
+    brakes_held: bool = Field(
+        default=False,
+        description="Whether the brakes are held while the steering is turned, so that no wheel rolls; else "
+        "the run-out that rolls needs road_z_mm of the stand and tyre_width_mm of the type",
+    )
     require_angle: bool = Field(
         default=True,
         description="Whether there is no sweep without the steering wheel's angle from the line; else a "

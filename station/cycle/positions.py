@@ -9,10 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from typing import Any, Protocol
 
 from alignment.errors import TruewheelError, together
 from alignment.measure_spin import SeriesMeasurement, SeriesUnderWay
+from alignment.measure_steering import steered_settings
 from alignment.prepared import PreparedRig
 from alignment.values import (
     MeasureSettings,
@@ -261,6 +263,11 @@ class WheelPosition:
         """Side of the vehicle."""
         return self.in_force.calibration.side
 
+    @cached_property
+    def steered_rig(self) -> PreparedRig:
+        """The rig as prepared for wheels that are steered."""
+        return PreparedRig.of(self.in_force.calibration, steered_settings(self._settings))
+
     def failed(self, failure: Failure) -> WheelResult:
         """Return the result of this wheel when it was not measured."""
         valid = self.in_force.valid_at(self._now())
@@ -273,7 +280,9 @@ class WheelPosition:
         text = f"{self.name}: expected images and angles within {bound_s:g} s"
         return self.failed(fault(ErrorCode.CYCLE_TIMEOUT, text))
 
-    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
+    def run(
+        self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None, *, steered: bool = False
+    ) -> WheelResult:
         """Shoot and measure; every failure of a camera or of the measurement becomes part of the result.
 
         Parameters
@@ -282,6 +291,8 @@ class WheelPosition:
             Zero measurements in force; the one of this rig and calibration corrects the angles.
         live
             Takes the run-out of a series off the tyre plane.
+        steered
+            Whether the wheel may be steered far from straight ahead, as in a sweep.
         """
         self._retaking.begin()
         try:
@@ -293,7 +304,9 @@ class WheelPosition:
             # Its cameras could not be made ready for another attempt.
             return self.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
         started = self.clock()
-        found = self._measure(shot.images, self._known_rig, self._settings)
+        rig = self.steered_rig if steered else self._known_rig
+        settings = steered_settings(self._settings) if steered else self._settings
+        found = self._measure(shot.images, rig, settings)
         if live is not None and isinstance(found, WheelMeasurement):
             found = _live(live, found, shot)
         return self._result(found, shot, self.clock() - started, zeros, None)

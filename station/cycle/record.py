@@ -13,6 +13,9 @@ from station.cycle.geometry import geometry_record
 from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
 from station.cycle.steering import steering_record
+from station.cycle.steering_axes import NO_AXES, sweep_found
+from station.cycle.steering_axis_record import axis_records, with_differences
+from station.cycle.straight_ahead import STEERED
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.verdict import Status, cycle_outcome
 from station.cycle.words import Abort, ErrorCode, Mode
@@ -28,6 +31,12 @@ def evaluated(cycle: CycleUnderWay, coverage_factor: float, frame: CommonFrame |
     if mode is Mode.MASTER_CHECK:
         kind = kind.model_copy(update={"steering": None, "ride_height": None})
     of_mode = frame_for(mode, frame, kind, cycle.trigger.wheels)
+    if mode is Mode.SWEEP:
+        results = {result.wheel: result for result in cycle.wheels}
+        rigs = {
+            position.name: position.steered_rig for position in cycle.positions if position.name in STEERED
+        }
+        cycle.axes = sweep_found(kind, results, cycle.swept, rigs, of_mode, coverage_factor)
     return evaluate(kind, cycle.wheels, coverage_factor, of_mode, cycle.said)
 
 
@@ -48,7 +57,10 @@ def cycle_record(
     assert cycle.kind is not None
     # A part of the station that failed says more than a wheel that was refused.
     failures = sorted(evaluation.failures, key=lambda failure: not failure.needs_reset)
-    outcome = cycle_outcome(evaluation.judged, fault=bool(failures), aborted=cycle.interrupted)
+    axes, k, guarded = cycle.axes or NO_AXES, evaluation.coverage_factor, evaluation.guard_band
+    judged = [*evaluation.judged, *axes.judged]
+    fault = bool(failures) or bool(axes.refusals)
+    outcome = cycle_outcome(judged, fault=fault, aborted=cycle.interrupted)
     trouble = NO_TROUBLE
     code: str | None = None
     text: str | None = None
@@ -56,6 +68,9 @@ def cycle_record(
         code, text = failures[0].reason_code, together(failure.text for failure in failures)
         wheel = next(w.result.wheel for w in evaluation.wheels if w.result.failure is failures[0])
         trouble = Trouble(failures[0].error_code, wheel)
+    elif axes.refusals:
+        trouble = Trouble(ErrorCode.SWEEP_FAULT)
+        code, text = str(trouble.code), together(axes.refusals)
     elif outcome is CycleOutcome.FAULT:
         trouble = Trouble(_why_unjudged(evaluation))
         code, text = str(trouble.code), _unjudged_in_words(evaluation)
@@ -83,7 +98,8 @@ def cycle_record(
         axles=axle_records(evaluation),
         vehicle_angles=vehicle_record(evaluation),
         geometry=geometry_record(evaluation),
-        steering=steering_record(evaluation),
+        steering=with_differences(steering_record(evaluation), axes, guard_band=guarded, coverage_factor=k),
+        steering_axes=axis_records(axes, guard_band=guarded, coverage_factor=k),
     )
     return record, trouble
 

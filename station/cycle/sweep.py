@@ -75,8 +75,8 @@ class Sweep:
     Attributes
     ----------
     taken
-        What came of each wheel, position by position, without images; those at which it was refused are left
-        out.
+        What came of each wheel, by the number of the position, without images; those at which it was refused
+        are left out.
     late
         Positions whose shot did not end in time; their cameras are still in use.
     """
@@ -104,13 +104,13 @@ class Sweep:
         self._stopping = stopping
         self._watch = SteeringWatch(plan, clock())
         self._left_out: dict[str, list[str]] = {position.name: [] for position in positions}
-        self._series: dict[str, list[WheelResult]] = {position.name: [] for position in positions}
+        self._series: dict[str, dict[int, WheelResult]] = {position.name: {} for position in positions}
         self.late: tuple[WheelPosition, ...] = ()
 
     @property
-    def taken(self) -> Mapping[str, tuple[WheelResult, ...]]:
+    def taken(self) -> Mapping[str, Mapping[int, WheelResult]]:
         """What came of each wheel."""
-        return {wheel: tuple(results) for wheel, results in self._series.items()}
+        return self._series
 
     def run(self) -> Failure | None:
         """Go through all positions; why there are no results, None where there are or the cycle was ended."""
@@ -189,7 +189,7 @@ class Sweep:
             for wheel, result in results.items():
                 failure = result.failure
                 if failure is None:
-                    self._series[wheel].append(result.without_images())
+                    self._series[wheel][number] = result.without_images()
                 elif failure.needs_reset:
                     return failure
             refused = {w: r.failure.text for w, r in results.items() if r.failure is not None}
@@ -231,7 +231,7 @@ class Sweep:
             position.arm()
         except TruewheelError as error:
             return position.failed(fault(ErrorCode.CAMERA_FAULT, str(error)))
-        return position.run(self._cycle.zeros)
+        return position.run(self._cycle.zeros, steered=True)
 
 
 def sweep_steering(

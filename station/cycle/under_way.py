@@ -11,6 +11,7 @@ from db.records import ZeroRecord
 from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
 from station.cycle.series import SeriesPlan
+from station.cycle.steering_axes import SweepFound, Swept
 from station.cycle.vehicle_words import ToldOfVehicle
 from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
 
@@ -52,6 +53,8 @@ class CycleUnderWay:
         The series that is taken of each wheel; None where single exposures are measured.
     swept
         What came of each steered wheel at the positions of a sweep; empty where there was none.
+    axes
+        The steering axes that this makes; None where no sweep was asked for.
     interruption
         The abort or reset that ends it.
     trouble
@@ -74,7 +77,8 @@ class CycleUnderWay:
     results: dict[str, WheelResult] = field(default_factory=dict)
     said: list[ToldOfVehicle] = field(default_factory=list)
     plan: SeriesPlan | None = None
-    swept: Mapping[str, Sequence[WheelResult]] = field(default_factory=dict)
+    swept: Swept = field(default_factory=dict)
+    axes: SweepFound | None = None
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE
     measured_s: float | None = None

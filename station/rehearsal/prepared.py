@@ -101,7 +101,9 @@ class PreparedPosition(WheelPosition):
         self._prepared = rig
         self._shot_s = shot_s
 
-    def run(self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None) -> WheelResult:
+    def run(
+        self, zeros: Sequence[ZeroRecord] = (), live: LiveSpin | None = None, *, steered: bool = False
+    ) -> WheelResult:
         """Return the result of the shot that the rig was armed for."""
         if self._shot_s > 0.0:
             time.sleep(self._shot_s)
