@@ -42,6 +42,8 @@ from .steering_words import Step as Step
 from .steering_words import StraightAhead as StraightAhead
 from .steering_words import SweepProgress as SweepProgress
 from .steering_words import SweepState as SweepState
+from .sweep_ends import SWEEP_ENDS as SWEEP_ENDS
+from .sweep_ends import SweepEnd as SweepEnd
 from .vehicle_words import NOTHING_TOLD as NOTHING_TOLD
 from .vehicle_words import RideHeights as RideHeights
 from .vehicle_words import SteeringSource as SteeringSource

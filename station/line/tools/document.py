@@ -10,9 +10,10 @@ from cantools.database.can.signal import Signal
 
 from station.configuration import CycleSettings, DatabaseSettings
 from station.cycle import ErrorCode
-from station.line.handshake import COMMANDS, EVENTS, Request, Rule
+from station.line.handshake import BEGINS, COMMANDS, EVENTS, Request, Rule
 from station.line.interface import PREPARE_LIFETIME_S
 from station.line.tools.document_code import C_CODE, PLC_PROGRAM
+from station.line.tools.document_steering import steering_text
 from station.line.tools.document_text import (
     FOR_PLC_PROGRAMMERS,
     GOOD_CYCLE,
@@ -50,6 +51,7 @@ def interface_document(database: LineDatabase) -> str:
             prepare_s=PREPARE_LIFETIME_S,
         ),
         MODES_TEXT.format(major=database.interface_version[0]),
+        *([steering_text(database, _table)] if database.has_steering else []),
         _protection(database),
         _messages(database),
         _signals(database),
@@ -96,7 +98,8 @@ def _states() -> str:
 ## The handshake
 
 Drawn from the table that the program uses. `Status.Handshake` shows the state. A start in the mode adjust
-leads to adjusting instead of busy; a fault of the station leads from every state to fault.
+leads to adjusting instead of busy, one in the mode sweep to sweeping; a fault of the station leads from every
+state to fault.
 
 ```mermaid
 stateDiagram-v2
@@ -129,9 +132,9 @@ def _edges() -> str:
         for request, rule in rules.items():
             if rule.target is not None and rule.target is not state:
                 labels.setdefault((state, rule.target), []).append(request.split(",")[0])
-    adjusting = HandshakeState.ADJUSTING
     for state in (HandshakeState.READY, HandshakeState.PREPARED):
-        labels.setdefault((state, adjusting), []).append("start to adjust")
+        for mode, begun in BEGINS.items():
+            labels.setdefault((state, begun), []).append(f"start to {mode}")
     for event, ways in EVENTS.items():
         for source, target in ways.items():
             # A fault may come in every state; ten more arrows would hide the rest.

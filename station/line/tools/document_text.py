@@ -57,6 +57,7 @@ configuration; ask for its file. `LongestCycle` below is this value:
 | automatic, calibrate | `cycle.measure_timeout_s` + 6 × `database.timeout_s` | {longest_s:g} s |
 | master_check | `cycle.measure_timeout_s` + 14 × `database.timeout_s` | {longest_master_s:g} s |
 | adjust | that of automatic + `cycle.adjust_timeout_s` | {longest_adjust_s:g} s |
+| sweep | as its section says | |
 
 For each wheel beyond four a master check takes up to 2 × `database.timeout_s` more. A cycle that is aborted
 ends sooner; `Ready` may then come up to `cycle.measure_timeout_s` after its results, while cameras that
@@ -107,6 +108,7 @@ sequenceDiagram
     S->>P: WheelUncertainty…, WheelAxis…, WheelResult… (n), each wheel
     S->>P: AxleUncertainty…, AxleResult… (n), each axle
     S->>P: VehicleReference, Geometry… (n)
+    S->>P: WheelRaw…, RideHeightUsed…, SteeringWheelResult, Sweep… (n)
     S->>P: VehicleResult (n)
     S->>P: Status ResultValid (n)
     Note over S: results again every 100 ms
@@ -130,9 +132,9 @@ HELD_AND_LOST = """
   held, the same number, the same results. The acknowledgement is stored before the station is ready
   again.
 - **Safe state of the station**: no good `Command` for {command_ms} ms means that the communication is lost.
-  `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting is aborted; what was
-  prepared is forgotten, as it is after {prepare_s:g} s in any case. A cycle in another mode is finished,
-  stored and held. When frames come again, the first of each message only sets the counter, and a start that
+  `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting and a sweep are aborted;
+  what was prepared is forgotten, as it is after {prepare_s:g} s in any case. A cycle in another mode is
+  finished, stored and held. When frames come again, the first of each message only sets the counter, and a start that
   stands on the bus already is refused with `start_stale`: the vehicle may be another one by then.
 - **Safe state of the controller**: no good `Status` for {status_ms} ms. It withdraws its command and
   treats the vehicle as not measured until the station holds a result for it.
@@ -153,17 +155,29 @@ MODES_TEXT = """
 | mode | a start | ends |
 |---|---|---|
 | automatic | measures the marked wheels once | by itself |
-| adjust | shows `LiveAngles…` of the marked wheels, again and again | \
+| adjust | shows `LiveAngles…` of the marked wheels, again and again, and `Guidance…` where the vehicle \
+type says what can be turned | \
 stop: measures once more, judges, stores, reports. \
 abort, lost communication, or the configured time: aborted |
 | master_check | measures a master wheel; the vehicle type holds its certified angles as limits. \
 Stored as a check of each rig's calibration too, where those limits are within ±10′. All four \
 wheels of a type with limits of lengths are a master vehicle | by itself |
+| sweep | wants one position of the steering after the other, each of which a step answers; then measures \
+as automatic, straight ahead. Only of a vehicle type that says how | by itself. stop: as a fault. \
+abort, lost communication: aborted |
 | calibrate | records images of the calibration plate; every marked wheel is answered with `recorded` \
 | by itself |
 
 A live angle is true now only in the states inside and outside, and `LiveAge…` of the same `Shot` says how
 many milliseconds ago its images were taken. It is never a verdict and never stored.
+
+## Coming from interface 3.0
+
+Nothing has to be done. What is new are messages with identifiers of their own, one mode, the command step,
+the states sweeping and turning, which only a sweep shows, and words at the end of value tables. Three error
+codes that were reserved are sent, and one is new. More result messages come with each result, before
+`VehicleResult`; who reads only those of 3.0 has read all that 3.0 told. A DBC of 3.0 goes on with this
+station, which then says 3.0 and has nothing of the rest.
 
 ## Coming from interface 2
 
