@@ -209,11 +209,11 @@ def _axis(
 
 
 def _pair(found: Mapping[str, SteeringAxis | str]) -> SteeredPair | None:
-    axes = [axis for wheel in STEERED if isinstance(axis := found.get(wheel), SteeringAxis)]
-    if len(axes) < len(STEERED):
+    left, right = (found.get(wheel) for wheel in STEERED)
+    if not isinstance(left, SteeringAxis) or not isinstance(right, SteeringAxis):
         return None
     try:
-        return steered_pair(*axes)
+        return steered_pair(left, right)
     except DegenerateInputError:
         # Steered too little for toe-out on turns; then there is none.
         return None

@@ -85,7 +85,7 @@ class ToldByController:
     def _taken(self, name: str, values: Mapping[str, Value], now: float) -> _Told:
         told_ms = read_number(values["Age"])
         age_s = None if told_ms is None else told_ms / 1000.0
-        before = self._known(name, now)
+        before = self._last.get(name)
         if before is None or age_s is None or before.values["Sample"] != values["Sample"]:
             return _Told(values, now, age_s)
         # The same measurement again: it does not become younger.

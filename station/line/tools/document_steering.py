@@ -27,9 +27,9 @@ corrected ones. Where the vehicle type requires what was not known, or is absurd
 
 **Guidance** comes in the mode adjust, beside the live angles and with their `Shot`; the mode guidance stays
 reserved. `GuidanceTarget…` goes before `Guidance…`; both count only when their `Shot` is the same. A
-nutrunner turns only in the state turn, by `Turns` towards `Direction`, and stops at once in every other state, without
-a good frame in time, and when `Age` is more than it turns blindly. Guidance that grows too old is lost; when
-adjusting is over, the state none comes once. Guidance is no verdict: that comes after stop.
+nutrunner turns only in the state turn, by `Turns` towards `Direction`. It stops at once in every other state,
+without a good frame in time, and when `Age` is more than it may turn blindly. Guidance that grows too old is
+lost; when adjusting is over, the state none comes once. Guidance is no verdict: that comes after stop.
 
 **The sweep**, a start in the mode sweep:
 

@@ -134,8 +134,8 @@ HELD_AND_LOST = """
 - **Safe state of the station**: no good `Command` for {command_ms} ms means that the communication is lost.
   `Ready` goes, `ErrorCode` is `communication_lost`, no start is taken. Adjusting and a sweep are aborted;
   what was prepared is forgotten, as it is after {prepare_s:g} s in any case. A cycle in another mode is
-  finished, stored and held. When frames come again, the first of each message only sets the counter, and a start that
-  stands on the bus already is refused with `start_stale`: the vehicle may be another one by then.
+  finished, stored and held. When frames come again, the first of each message only sets the counter, and a
+  start that stands on the bus already is refused with `start_stale`: the vehicle may be another one by then.
 - **Safe state of the controller**: no good `Status` for {status_ms} ms. It withdraws its command and
   treats the vehicle as not measured until the station holds a result for it.
 - **What is told is what is stored**: a verdict is sent after two commits, of the record and of the note
