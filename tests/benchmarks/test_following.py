@@ -30,7 +30,7 @@ def test_following_is_timed_beside_a_whole_measurement() -> None:
 @pytest.mark.slow
 def test_four_wheels_are_shown_live_followed_and_stopped(tmp_path: Path) -> None:
     dbc = default_config(None, "line.dbc").resolve()
-    found = run_live(tmp_path, dbc, [rendered.images()], rendered.rig(), 1.5, 20.0)
+    found = run_live(tmp_path, dbc, [rendered.images()], rendered.rig(), 0.5, 20.0)
     assert min(found.results) > 0
     assert found.without_angles == 0
     assert min(found.followed) > 0
