@@ -3,7 +3,7 @@
 While somebody turns a tie rod the wheel hardly moves from image to image. Its lines are then looked for in
 strips around the places where they were seen last (`imaging.strips`), and the surface is fitted from the last
 one on (`wheel.revolution.fit_near`): the same centres, points, weights and gates as in a whole measurement,
-for a quarter of its work. What following does not look at, a whole measurement now and then does: other
+for a third of its work. What following does not look at, a whole measurement now and then does: other
 lines, the rows of crosses, a load. Following never refuses a wheel and never guesses: where anything is in
 doubt the same images are measured whole, and that result counts.
 """
@@ -27,7 +27,7 @@ from alignment.measure import (
     measure_and_show,
     refused_images,
 )
-from alignment.measure_heads import DOUBT, HeadSums, head_signs, judged_by_rows
+from alignment.measure_heads import DOUBT, HeadSigns, HeadSums, head_signs, judged_by_rows
 from alignment.prepared import PreparedRig
 from alignment.stereo.paired import PairedLines, match_again, view_of
 from alignment.stereo.pool import PointPool
@@ -122,8 +122,10 @@ class FollowedWheel:
         Row differences of the last whole measurement; None where the rig cannot be judged.
     place
         Of the wheel by the last whole measurement; None where it was not found.
-    whole
-        Its sight.
+    begun
+        The surface of the last whole measurement.
+    signs
+        Of the heads, of the last whole measurement.
     first
         What following made of its images.
     since
@@ -140,7 +142,8 @@ class FollowedWheel:
     load: HeldLoad | None
     rows: RowFields | None
     place: WheelReference | None
-    whole: Sight
+    begun: RevolutionFit
+    signs: HeadSigns
     first: _First | None
     since: int
 
@@ -175,7 +178,7 @@ def follow_wheel(
     wheel: FollowedWheel | None,
     rules: FollowRules,
 ) -> FollowResult:
-    """Measure a wheel that was measured just before, in a quarter of the time.
+    """Measure a wheel that was measured just before, in a third of the time.
 
     Parameters
     ----------
@@ -277,7 +280,7 @@ def _begin(
         rows = row_fields(sight.lines, matched, surface.chosen, rig.row_views, surface.fit.height)
     return FollowedWheel(
         calibration, settings, sight.heads, rig, tuple(strips), tuple(paired), surface.fit, load, rows,
-        result.reference, sight, None, 0,
+        result.reference, surface.fit, sight.signs, None, 0,
     )  # fmt: skip
 
 
@@ -308,7 +311,7 @@ def _followed(
         raise _Doubt("lines match no more")
     surface = _fitted(pool, wheel)
     lines = [(left.lines, right.lines) for left, right in pairs]
-    sight = _judged(Sight(wheel.heads, rig, lines, matched, surface, None, wheel.whole.signs), wheel)
+    sight = _judged(Sight(wheel.heads, rig, lines, matched, surface, None, wheel.signs), wheel)
     result = evaluate_sight(sight, settings, lambda seen: _place(seen, wheel))
     if isinstance(result, Refusal):
         raise _Doubt(result.reason)
@@ -340,7 +343,7 @@ def _fitted(pool: PointPool, wheel: FollowedWheel) -> WheelSurface:
 def _place(sight: Sight, wheel: FollowedWheel) -> WheelReference | None:
     if wheel.place is None:
         return None
-    return moved_reference(wheel.place, wheel.whole.surface.fit, sight.surface.fit)
+    return moved_reference(wheel.place, wheel.begun, sight.surface.fit)
 
 
 def _judged(sight: Sight, wheel: FollowedWheel) -> Sight:
@@ -360,17 +363,17 @@ def _judged(sight: Sight, wheel: FollowedWheel) -> Sight:
             raise _Doubt("the heads see another load")
         loaded = wheel.load.loaded
         # What is not of the wheel was judged with the load free to explain it.
-        signs = replace(wheel.whole.signs, moves=moves, numbers=sums.numbers)
+        signs = replace(wheel.signs, moves=moves, numbers=sums.numbers)
         fit = leaned(surface.fit, loaded.model.turn)
         surface = replace(surface, fit=fit)
         return replace(sight, surface=surface, loaded=replace(loaded, surface=surface), signs=signs)
     assert wheel.rows is not None or rig.knock_model is None
-    judge = wheel.whole.signs.judge
+    judge = wheel.signs.judge
     if wheel.rows is not None:
         judge = judged_by_rows(wheel.rows, surface.fit, sums.rms, rig)
     signs = head_signs(moves, misfits, sums.numbers, sums.rms, judge, rig)
     before = DOUBT if first is None or first.evidence is None else max(DOUBT, first.evidence)
-    if signs.refusal is not None and wheel.whole.signs.refusal is None:
+    if signs.refusal is not None and wheel.signs.refusal is None:
         raise _Doubt(signs.refusal.reason)
     if first is not None and (signs.judgement.evidence or 0.0) > before + _MORE_EVIDENCE:
         raise _Doubt("a head may have moved, or the tyre carries a load")

@@ -37,8 +37,24 @@ from station.warm_up import needs
 from station.warm_up import called
 needs.SIGNATURES = {}
 from station.cli import main
+
+
+def follow(folder, calibration):
+    # No verb follows a wheel: the station does, while it is adjusted.
+    from alignment.follow import FollowRules, follow_wheel
+    from alignment.prepared import PreparedRig
+    from alignment.values import MeasureSettings
+    from sensors.formats import read_calibration, read_shot
+
+    rig, wheel = PreparedRig.of(read_calibration(calibration), MeasureSettings()), None
+    for _ in range(2):
+        found = follow_wheel(read_shot(folder).images, rig, MeasureSettings(), wheel, FollowRules())
+        wheel = found.wheel
+    assert found.whole is None, found.whole
+
+
 try:
-    main(sys.argv[2:])
+    follow(*sys.argv[3:]) if sys.argv[2] == "follow" else main(sys.argv[2:])
 except SystemExit as end:
     if end.code not in (0, 1, None):
         raise
@@ -71,6 +87,9 @@ def scenarios(folder: Path) -> list[tuple[str, list[str]]]:
         dark = ["measure", str(folder / f"dark{bits}"), *known, "--config", str(folder / "revolution.toml")]
         stated = ["measure", str(folder / f"wheel{bits}"), "--calibration", str(calibration)]
         runs += [(f"measure_{bits}", dark), (f"measure_{bits}", stated)]
+        for shot in (f"wheel{bits}", f"loaded{bits}"):
+            follow = ["follow", str(folder / shot), str(folder / "loaded" / "calibration.json")]
+            runs.append((f"measure_{bits}", follow))
     turned = [folder / f"turned{k}" for k in range(8)]
     for k, shot in enumerate(turned):
         turn = ["--spin", str(45 * k), "--runout", "0.05", "--out", str(shot)]
@@ -82,7 +101,7 @@ def scenarios(folder: Path) -> list[tuple[str, list[str]]]:
 
 
 def prepare(folder: Path) -> None:
-    """Write what the simulator does not: settings, and shots of 8 and 16 bit with and without a dark head."""
+    """Write what the simulator does not: settings, and shots of 8 and 16 bit, some with a dark head."""
     import cv2
 
     station = (
@@ -93,9 +112,9 @@ def prepare(folder: Path) -> None:
         text = text.replace("allow_lost_head = false", "allow_lost_head = true")
         (folder / f"{method}.toml").write_text(text.replace('"line.dbc"', f'"{ROOT}/configs/line.dbc"'))
     for bits in (8, 16):
-        for name in ("wheel", "dark"):
+        for name in ("wheel", "dark", "loaded"):
             shot = folder / f"{name}{bits}"
-            shutil.copytree(folder / "wheel", shot)
+            shutil.copytree(folder / ("loaded" if name == "loaded" else "wheel"), shot)
             for file in shot.glob("*.png"):
                 image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
                 kept = image * (0 if name == "dark" and file.name.startswith("head_2") else 1)

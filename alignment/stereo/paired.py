@@ -129,7 +129,9 @@ def match_again(
                 sigma[part],
                 rays[part],
                 spread[part],
-                *indices[:, part],
+                indices[0, part],
+                indices[1, part],
+                indices[2, part],
                 light[part],
                 offered[k],
             )

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import can
 
+from alignment.errors import LineTimeoutError
 from alignment.follow import follow_wheel
 from alignment.measure import measure_wheel
 from alignment.values import MeasureSettings, RigCalibration, StereoImages
@@ -27,6 +28,7 @@ from station.line.wire import BusSettings, LineDatabase, load_line_database, ope
 from station.rehearsal.prepared import KIND, WHEELS, open_rehearsal
 
 _IN_TURN = itertools.count()
+_SETTLED, _LONGEST_S = 5, 60.0  # results of each wheel before any counts, and the longest wait for them
 _TIMEOUTS = PlcTimeouts(busy_s=20.0, done_s=60.0, ready_s=60.0, acknowledged_s=20.0, silence_s=10.0)
 
 
@@ -130,6 +132,7 @@ class _Watcher:
         self._database = database
         self._wheel_of = {f"LiveAngles{ending}": wheel for wheel, ending in database.wheels.items()}
         self._shot: dict[str, int] = {}
+        self._more = threading.Condition()
         self.seen: dict[str, list[tuple[float, bool]]] = {wheel: [] for wheel in WHEELS}
 
     def __call__(self, frame: can.Message) -> None:
@@ -141,8 +144,22 @@ class _Watcher:
             return
         live = read_live(wheel, self._database.decode(frame))
         if live.shot != self._shot.get(wheel):
-            self._shot[wheel] = live.shot
-            self.seen[wheel].append((now, live.state in (LiveState.INSIDE, LiveState.OUTSIDE)))
+            with self._more:
+                self._shot[wheel] = live.shot
+                self.seen[wheel].append((now, live.state in (LiveState.INSIDE, LiveState.OUTSIDE)))
+                self._more.notify_all()
+
+    def wait(self, more: int) -> None:
+        """Wait until each wheel has shown so many results more; raises LineTimeoutError."""
+        with self._more:
+            enough = {wheel: len(seen) + more for wheel, seen in self.seen.items()}
+            if not self._more.wait_for(
+                lambda: all(len(self.seen[wheel]) >= count for wheel, count in enough.items()), _LONGEST_S
+            ):
+                seen = min(len(seen) for seen in self.seen.values())
+                raise LineTimeoutError(
+                    f"expected live angles of all wheels within {_LONGEST_S:g} s, of one {seen} were seen"
+                )
 
 
 def run_live(
@@ -168,7 +185,7 @@ def run_live(
     calibration
         Of the rig.
     seconds
-        After as long again until everything is loaded.
+        From when each wheel has shown some results.
     rate
         Frames of each rig in a second, at most.
     follow
@@ -199,9 +216,10 @@ def run_live(
                 plc.start_up()
                 order = PlcOrder("TWADJUST000000001", mode=Mode.ADJUST)
                 sequence, started_s = plc.begin(order)
-                time.sleep(seconds)
+                watcher.wait(_SETTLED)
                 first_s, cpu_s = time.monotonic(), time.process_time()
                 time.sleep(seconds)
+                watcher.wait(1)  # of a computer that does much else
                 last_s, cpu_s = time.monotonic(), time.process_time() - cpu_s
                 plc.stop(sequence)
                 result = plc.finish(order, sequence, started_s)

@@ -34,7 +34,7 @@ STEP_DEG, COUPLING = 0.02, 0.3
 JUMP_DEG, JUMP_FRAMES = 1.0, 5
 LOADED_FRAMES, LOAD_MM = 100, 5.0
 SAME_ARCMIN, LOST_FRAMES = 0.01, 2
-RULES = FollowRules()
+FOLLOW_RULES = FollowRules()
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def followed_frames(
         view = views[number]
         images = view.exposed(rng)
         with on_one_core():
-            found = follow_wheel(images, prepared, settings, wheel, RULES)
+            found = follow_wheel(images, prepared, settings, wheel, FOLLOW_RULES)
             whole = measure_wheel(images, prepared, settings)
         wheel = found.wheel
         truth = truth_of(view.scene)
@@ -177,7 +177,7 @@ def frames_to_follow(frames: Sequence[FollowedFrame]) -> int:
     return most
 
 
-def summary(frames: Sequence[FollowedFrame], loaded: Sequence[FollowedFrame] = ()) -> StudyResult:
+def summed_up(frames: Sequence[FollowedFrame], loaded: Sequence[FollowedFrame] = ()) -> StudyResult:
     """Sum the study up."""
     off = np.array([frame.difference for frame in frames])
     errors = [
@@ -188,7 +188,7 @@ def summary(frames: Sequence[FollowedFrame], loaded: Sequence[FollowedFrame] = (
         "followed_share": float(np.mean([not frame.why for frame in frames])),
         "refused": float(sum(frame.followed is None for frame in [*frames, *loaded])),
         "largest_difference_arcmin": float(off.max()),
-        "p95_difference_arcmin": float(np.quantile(off, 0.95)),
+        "p95_difference_arcmin": float(np.quantile(off, 0.95, method="higher")),
         "p95_error_arcmin": float(np.quantile(errors, 0.95)) if errors else math.nan,
         "u_arcmin": float(np.nanmedian([frame.u for frame in frames])) / ARCMIN,
         "frames_to_follow_a_jump": float(frames_to_follow(frames)),
@@ -210,7 +210,7 @@ def summary(frames: Sequence[FollowedFrame], loaded: Sequence[FollowedFrame] = (
     text = f"""
 {len(frames)} frames of a wheel whose tie rod is turned by {STEP_DEG:g}° from frame to frame, camber with it;
 it jumps by {JUMP_DEG:g}° and back. Followed, and measured whole beside it in the same images, they differ
-by at most {figures["largest_difference_arcmin"]:.4f}′. Each {RULES.whole_every}th frame is measured whole in
+by at most {figures["largest_difference_arcmin"]:.4f}′. One in {FOLLOW_RULES.whole_every} is measured whole in
 any case, and each that is in doubt. {len(loaded)} more are of a wheel under load, whose load is kept from one
 whole measurement to the next: a whole one finds it anew each time, and there the difference is that.
 """
@@ -229,14 +229,14 @@ def run(seed: int, quick: bool, progress: Progress) -> StudyResult:
     views = tie_rod(rig, count, seed, part(0.0, 0.3))
     frames = followed_frames(rig, views, list(order(number, count)), seed, part(0.3, 0.8))
     if quick:
-        return summary(frames)
+        return summed_up(frames)
     views = tie_rod(rig, 4, seed, part(0.8, 0.9), LOAD_MM)[:-1]
     # No view is one of a jump here.
     numbers = [number for number in order(LOADED_FRAMES, 4) if number < len(views)]
     loaded = [
         replace(frame, jumped=False) for frame in followed_frames(rig, views, numbers, seed, part(0.9, 1.0))
     ]
-    return summary(frames, loaded)
+    return summed_up(frames, loaded)
 
 
 def _row(number: int, frame: FollowedFrame) -> Row:

@@ -71,8 +71,15 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "ListType(uint16[:, ::1]); int64[:, ::1]; int64; float64[:, ::1]; float64; boolean; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; int64[:, ::1]; float64[:, :, ::1]; int64[:, ::1]",
         ),
         "alignment.imaging.extraction.level_share": ("uint16[:, ::1]; float64[:, :]; int64",),
+        "alignment.imaging.strips._look": (
+            "uint16[:, ::1]; int64[::1]; float64[::1]; int64[::1]; int64; float64; UniTuple(float64, 2); float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, ::1]; int64[::1]; int64[::1]",
+        ),
         "alignment.stereo.correspondence._match_all": (
             "float64[:, ::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64[::1]; int64[::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]; UniTuple(float64, 2); float64; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; int64[:, :, ::1]; int64[:, ::1]",
+        ),
+        "alignment.stereo.correspondence.line_slopes": ("float64[:, ::1]; int64[::1]; float64[::1]",),
+        "alignment.stereo.paired._match_again": (
+            "float64[::1]; int64[::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]; float64; float64[::1]; int64[::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; int64[::1]; float64[::1]; float64; float64[:, ::1]; float64[::1]; float64; float64; float64; float64; float64; float64[:, ::1]; float64[:, ::1]; float64[::1]; float64[::1]; float64[:, ::1]; int64[:, ::1]; int64[::1]; int64",
         ),
         "alignment.stereo.pool._take_rows": ("boolean[::1]; float64[:, ::1]",),
         "alignment.stereo.pool.take_numbers": ("boolean[::1]; int64[::1]",),
@@ -106,6 +113,9 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
         ),
+        "alignment.wheel.held_load._look_up": (
+            "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64; float64[:, ::1]",
+        ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
         ),
@@ -115,6 +125,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.revolution_kernels.local_medians": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64",
         ),
+        "alignment.wheel.revolution_kernels.pieces_of": ("float64[::1]",),
         "alignment.wheel.revolution_steps.frame_of": ("float64[::1]",),
         "alignment.wheel.revolution_steps.iterate": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]; float64; float64; float64; int64; float64; boolean; float64[:, ::1]; int64[::1]",
@@ -151,8 +162,15 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
             "ListType(uint8[:, ::1]); int64[:, ::1]; int64; float64[:, ::1]; float64; boolean; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; int64[:, ::1]; float64[:, :, ::1]; int64[:, ::1]",
         ),
         "alignment.imaging.extraction.level_share": ("uint8[:, ::1]; float64[:, :]; int64",),
+        "alignment.imaging.strips._look": (
+            "uint8[:, ::1]; int64[::1]; float64[::1]; int64[::1]; int64; float64; UniTuple(float64, 2); float64[::1]; float64[:, ::1]; float64[:, ::1]; float64[:, ::1]; int64[::1]; int64[::1]",
+        ),
         "alignment.stereo.correspondence._match_all": (
             "float64[:, ::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64[::1]; int64[::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[::1]; UniTuple(float64, 2); float64; float64[::1]; float64[:, :, ::1]; float64[:, :, ::1]; float64[:, ::1]; float64[:, ::1]; float64[:, :, ::1]; int64[:, :, ::1]; int64[:, ::1]",
+        ),
+        "alignment.stereo.correspondence.line_slopes": ("float64[:, ::1]; int64[::1]; float64[::1]",),
+        "alignment.stereo.paired._match_again": (
+            "float64[::1]; int64[::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64[:, ::1]; float64; float64[::1]; int64[::1]; int64[::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; int64[::1]; float64[::1]; float64; float64[:, ::1]; float64[::1]; float64; float64; float64; float64; float64; float64[:, ::1]; float64[:, ::1]; float64[::1]; float64[::1]; float64[:, ::1]; int64[:, ::1]; int64[::1]; int64",
         ),
         "alignment.stereo.pool._take_rows": ("boolean[::1]; float64[:, ::1]",),
         "alignment.stereo.pool.take_numbers": ("boolean[::1]; int64[::1]",),
@@ -186,6 +204,9 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.gloss.gloss_shifts": (
             "float64[:, ::1]; int64[::1]; float64[:, ::1]; float64[:, :, ::1]; float64[::1]; float64[::1]",
         ),
+        "alignment.wheel.held_load._look_up": (
+            "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64; float64[:, ::1]",
+        ),
         "alignment.wheel.revolution_kernels.cluster_pulls": (
             "float64[:, ::1]; int64[::1]; int64[::1]; int64; float64[:, ::1]",
         ),
@@ -195,6 +216,7 @@ SIGNATURES: dict[str, dict[str, tuple[str, ...]]] = {
         "alignment.wheel.revolution_kernels.local_medians": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64",
         ),
+        "alignment.wheel.revolution_kernels.pieces_of": ("float64[::1]",),
         "alignment.wheel.revolution_steps.frame_of": ("float64[::1]",),
         "alignment.wheel.revolution_steps.iterate": (
             "float64[:, ::1]; float64[::1]; float64[:, ::1]; float64[::1]; float64[::1]; float64[:, ::1]; float64; float64; float64[::1]; float64; float64; float64; int64; float64; boolean; float64[:, ::1]; int64[::1]",

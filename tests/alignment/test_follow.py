@@ -179,21 +179,17 @@ def test_nothing_is_followed_with_another_calibration_or_other_settings(
     assert follow_wheel(a_little(), other, settings, wheel(), RULES).whole is not None
 
 
-def noisier(images: list[StereoImages], seed: int) -> list[StereoImages]:
-    """Another exposure of what was rendered: its noise is another one."""
-    rng = np.random.default_rng(seed)
-
-    def one(image: np.ndarray) -> np.ndarray:
-        return np.clip(np.rint(image + rng.normal(scale=1.0, size=image.shape)), 0, 255).astype(np.uint8)
-
-    return [StereoImages(one(pair.left), one(pair.right)) for pair in images]
+@once
+def _loaded_again() -> tuple[StereoImages, ...]:
+    """Another exposure of the shared wheel under load."""
+    return tuple(simulate_shot(rendered.loaded_scene(), rendered.rig(), np.random.default_rng(4)).images)
 
 
 def test_a_load_is_kept_until_the_next_whole_measurement() -> None:
     begun = follow_wheel(rendered.loaded_images(), rig(), SETTINGS, None, RULES)
     known = measured(begun.result)
     assert known.load_mm is not None
-    found = follow_wheel(noisier(rendered.loaded_images(), 4), rig(), SETTINGS, begun.wheel, RULES)
+    found = follow_wheel(list(_loaded_again()), rig(), SETTINGS, begun.wheel, RULES)
     assert found.whole is None
     mine = measured(found.result)
     assert mine.load_mm == known.load_mm

@@ -213,7 +213,9 @@ def test_a_signal_while_everything_is_compiled_ends_the_station_and_its_processe
 STRICT = """
 import json, sys
 from numba.core import event
+from alignment.follow import FollowRules, follow_wheel
 from alignment.measure import measure_wheel
+from alignment.prepared import PreparedRig
 from alignment.values import MeasureSettings
 from sensors.formats import read_calibration, read_shot
 from station.warm_up.needs import SIGNATURES, Work
@@ -228,7 +230,7 @@ class Compiled(event.Listener):
 warm_up([Work.MEASURE_8, Work.MEASURE_16])
 listener = Compiled()
 event.register("numba:compile", listener)
-outcomes = []
+outcomes, followed = [], []
 for shot in sys.argv[2:]:
     known = read_calibration(sys.argv[1])
     for method in ("revolution", "plane", "ridges"):
@@ -239,6 +241,11 @@ for shot in sys.argv[2:]:
     two = known.without_head(1)
     images = read_shot(shot).images
     outcomes.append(bool(measure_wheel([images[0], images[2]], two, MeasureSettings())))
+    rig, one = PreparedRig.of(known, MeasureSettings()), None
+    for _ in range(2):
+        again = follow_wheel(images, rig, MeasureSettings(), one, FollowRules())
+        one = again.wheel
+    followed.append(again.whole is None)
 table = [SIGNATURES[work] for work in ("measure_8", "measure_16")]
 unknown = [
     f"{name}: {signature}"
@@ -246,7 +253,7 @@ unknown = [
     for signature in signatures
     if not any(signature in known.get(name, ()) for known in table)
 ]
-print(json.dumps({"compiled": listener.seen, "unknown": unknown, "outcomes": outcomes}))
+print(json.dumps({"compiled": listener.seen, "unknown": unknown, "outcomes": outcomes, "followed": followed}))
 """
 
 
@@ -276,6 +283,7 @@ def test_after_the_warm_up_a_measurement_compiles_nothing(wheel: Path, tmp_path:
     assert told["unknown"] == []
     assert any(told["outcomes"][:4])
     assert any(told["outcomes"][4:8])
+    assert told["followed"][:2] == [True, True]
 
 
 def test_warm_up_prints_what_it_compiled(truewheel: Truewheel) -> None:
