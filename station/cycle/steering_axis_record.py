@@ -47,7 +47,8 @@ def _record(axis: JudgedAxis, guard_band: bool, coverage_factor: float) -> Steer
         positions=axis.positions,
         residual=float(found.scatter) if isinstance(found, SteeringAxis) else None,
         reason_code=_NO_AXIS if refused else None,
-        reason_text=found if isinstance(found, str) else found.warning,
+        warning=found.warning if isinstance(found, SteeringAxis) else None,
+        reason_text=found if isinstance(found, str) else None,
         **_columns(axis.angles, coverage_factor),
     )
 
