@@ -9,7 +9,7 @@ from station.cycle import SWEEP_ENDS
 from station.line.told import STEP_LIFETIME_S
 from station.line.wire import LineDatabase
 
-Table = Callable[[Iterable[str], Iterable[Iterable[object]]], str]
+MakesTable = Callable[[Iterable[str], Iterable[Iterable[object]]], str]
 
 _TOLD = """
 ## Steering wheel, ride heights, guidance, sweep
@@ -81,7 +81,7 @@ each attempt and `cycle.measure_timeout_s` for each of two exposures: the vehicl
 """
 
 
-def steering_text(database: LineDatabase, table: Table) -> str:
+def steering_text(database: LineDatabase, table: MakesTable) -> str:
     """The part, Markdown; `table` makes one of a head and rows."""
     silence_s = database.timeout_s("SteeringWheel") or 0.0
     rows = [[f"`{end}`", f"`{ending.code}`", ending.when] for end, ending in SWEEP_ENDS.items()]
