@@ -86,7 +86,7 @@ RUN_ELSEWHERE = {
     ("README.md", "python"): (1, "tests/test_documents.py"),
     ("docs/line-interface.md", "c"): (1, "tests/station/line/tools/test_page_code.py"),
     ("docs/line-interface.md", "iecst"): (2, "tests/station/line/tools/test_page_plc.py"),
-    ("docs/line-interface.md", "mermaid"): (2, "tests/station/line/tools/test_page_plc.py"),
+    ("docs/line-interface.md", "mermaid"): (3, "tests/station/line/tools/test_page_plc.py"),
     ("docs/database.md", "sql"): (2, "tests/db/connection/test_access.py"),
     ("docs/how-to/commission-a-station.md", "sh"): (10, "tests/end_to_end/test_commissioning.py"),
     ("docs/how-to/commission-a-station.md", "toml"): (2, "tests/end_to_end/test_commissioning.py"),

@@ -32,7 +32,7 @@ from station.cycle.steering_words import AXIS_DIFFERENCES, AXIS_QUANTITIES
 from station.cycle.straight_ahead import STEERED
 from station.cycle.verdict import Angle, Status, combined
 
-UNKNOWN_RUN_OUT = 4.0 * ARCMIN
+_EXPECTED_LEAN = 4.0 * ARCMIN
 """Lean of a tyre plane from its spin axis that is expected, each way, one standard deviation."""
 _REAR = ("rear_left", "rear_right")
 Swept = Mapping[str, Mapping[int, WheelResult]]
@@ -200,7 +200,7 @@ def _axis(
     stand = SteeringStand(
         heading, heading_u, road_z_mm, tyres.front_mm, tyres.sigma_mm, toe, 1.0 if rolls else 0.0
     )
-    lean = RunOut(0.0, 0.0, np.eye(2) * UNKNOWN_RUN_OUT**2) if rolls else None
+    lean = RunOut(0.0, 0.0, np.eye(2) * _EXPECTED_LEAN**2) if rolls else None
     try:
         found = steering_axis(series, stand, SteeringRules(coverage_factor=coverage_factor), lean)
     except DegenerateInputError as error:

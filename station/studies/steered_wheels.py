@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from typing import Final
+
 import numpy as np
 
 from alignment.arrays import Array
@@ -42,7 +44,7 @@ from station.studies.coverage import drawn
 from station.studies.vehicle_stand import WIDTH_MM, placed_rig, side_of_wheel
 from station.studies.wheels import exposed, lights
 
-WHEEL = "front_left"
+WHEEL: Final = "front_left"
 DEEP_STAGES: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.0, 0.0),
     (0.0, 0.0, -60.0),

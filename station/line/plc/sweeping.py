@@ -3,25 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from alignment.errors import LineTimeoutError
 from station.cycle import ErrorCode, SteeringSource, SteeringWheel, Step, SweepProgress, SweepState
-from station.line.wire import Answer, CommandCode, HandshakeState
-
-if TYPE_CHECKING:
-    from station.line.plc.simulator import PlcSimulator
+from station.line.plc.orders import PlcTimeouts
+from station.line.plc.station_view import StationView
+from station.line.plc.teller import VehicleTeller
+from station.line.wire import Answer, CommandCode, HandshakeState, LineStatus
 
 SWEEPING = (HandshakeState.SWEEPING, HandshakeState.TURNING)
 _TURN_DEG_S, _TURN_S = 200.0, 0.01
 _PASSING = frozenset({ErrorCode.BUSY, ErrorCode.STEP_INCOMPLETE})
 
 
-Turned = Callable[[int, float], float | None]
+TurnedTo = Callable[[int, float], float | None]
+
+
+class Controller(Protocol):
+    """What is needed of the controller; `station.line.plc.simulator.PlcSimulator` is one."""
+
+    view: StationView
+    teller: VehicleTeller
+    timeouts: PlcTimeouts
+    clock: Callable[[], float]
+
+    @property
+    def status(self) -> LineStatus | None:
+        """The last good Status."""
+        ...
+
+    def tick(self) -> None:
+        """Send what stands once."""
+        ...
+
+    def command(self, code: CommandCode, sequence: int) -> None:
+        """Put a command on the bus."""
+        ...
+
+    def withdraw(self, code: CommandCode | None = None, sequence: int = 0) -> None:
+        """Go back to none."""
+        ...
 
 
 def turn_steering(
-    plc: PlcSimulator, sequence: int, turned: Turned = lambda position, wanted_deg: wanted_deg
+    plc: Controller, sequence: int, turned: TurnedTo = lambda position, wanted_deg: wanted_deg
 ) -> SweepProgress | None:
     """Go through a sweep that has begun, to its end.
 
@@ -57,7 +83,7 @@ def turn_steering(
         say_step(plc, Step(sequence, progress.position, angle_deg))
 
 
-def say_step(plc: PlcSimulator, step: Step) -> None:
+def say_step(plc: Controller, step: Step) -> None:
     """Put a step on the bus, its position before it, until the station took or refused it, or ended.
 
     All steps of a sweep have one number, so that an answer may be that of the step before: what counts is
@@ -73,7 +99,7 @@ def say_step(plc: PlcSimulator, step: Step) -> None:
         plc.teller.step = None
 
 
-def _turn(plc: PlcSimulator, angle_deg: float) -> None:
+def _turn(plc: Controller, angle_deg: float) -> None:
     """Turn the steering wheel, no faster than a robot would, and tell its angle all the while."""
     told = plc.teller.steering
     now_deg = angle_deg if told is None or told.angle_deg is None else told.angle_deg
@@ -89,7 +115,7 @@ def _turn(plc: PlcSimulator, angle_deg: float) -> None:
     plc.tick()
 
 
-def _is_taken(plc: PlcSimulator, step: Step, seen: int) -> bool:
+def _is_taken(plc: Controller, step: Step, seen: int) -> bool:
     status, answer = plc.status, plc.view.answer_to(CommandCode.STEP, step.sequence)
     waits = status is not None and status.handshake is HandshakeState.TURNING
     if not waits or plc.view.turnings > seen:
@@ -98,7 +124,7 @@ def _is_taken(plc: PlcSimulator, step: Step, seen: int) -> bool:
     return refused and answer is not None and answer.error_code not in _PASSING
 
 
-def _next(plc: PlcSimulator, sequence: int, seen: int) -> SweepProgress | None:
+def _next(plc: Controller, sequence: int, seen: int) -> SweepProgress | None:
     """The progress when a position is wanted once more than `seen` times, or the sweep is over."""
 
     def over() -> bool:

@@ -9,7 +9,7 @@ from station.cycle import SWEEP_ENDS
 from station.line.told import STEP_LIFETIME_S
 from station.line.wire import LineDatabase
 
-Table = Callable[[Iterable[str], Iterable[Iterable[object]]], str]
+MakesTable = Callable[[Iterable[str], Iterable[Iterable[object]]], str]
 
 _TOLD = """
 ## Steering wheel, ride heights, guidance, sweep
@@ -51,13 +51,14 @@ While a step stands, `step_incomplete` and `busy` pass; any other refusal is fin
 sequenceDiagram
     participant P as PLC
     participant S as station
-    P->>S: SteeringWheel every 100 ms, always
-    P->>S: Vin1, Vin2, Vin3 (n), Command start (n), mode sweep
+    Note over P,S: SteeringWheel every 100 ms, always; the start is one in the mode sweep
+    P->>S: SteeringWheel
+    P->>S: Vin1, Vin2, Vin3 (n), Command start (n)
     S->>P: CommandAnswer start (n) accepted, Status sweeping (n)
     loop each position
-        S->>P: SweepProgress turn (position, wanted angle), Status turning (n)
+        S->>P: SweepProgress turn, Status turning (n)
         Note over P: the steering is turned and held
-        P->>S: SweepStep (n, position, angle), Command step (n)
+        P->>S: SweepStep (n), Command step (n)
         S->>P: Status sweeping (n), SweepProgress hold
         Note over S: images of the front wheels
     end
@@ -80,7 +81,7 @@ each attempt and `cycle.measure_timeout_s` for each of two exposures: the vehicl
 """
 
 
-def steering_text(database: LineDatabase, table: Table) -> str:
+def steering_text(database: LineDatabase, table: MakesTable) -> str:
     """The part, Markdown; `table` makes one of a head and rows."""
     silence_s = database.timeout_s("SteeringWheel") or 0.0
     rows = [[f"`{end}`", f"`{ending.code}`", ending.when] for end, ending in SWEEP_ENDS.items()]

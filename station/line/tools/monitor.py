@@ -16,8 +16,11 @@ from station.line.tools.logs.reading import read_log
 from station.line.wire import Guard, LineBus, LineDatabase, Value, error_in_words, open_log
 
 _LARGEST_TIME_S = 32_503_680_000.0
-# How the names of result messages begin: those of wheels, axles and the vehicle.
-_RESULTS = ("Wheel", "Axle", "Vehicle", "Geometry")
+# How the names of result messages begin: those of wheels, axles, the vehicle and its steering.
+_RESULTS = (
+    "Wheel", "Axle", "Vehicle", "Geometry", "RideHeightUsed", "SteeringWheelResult",
+    *(f"Sweep{what}" for what in ("Caster", "Kpi", "Included", "ToeOut", "Trail", "Scrub")),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

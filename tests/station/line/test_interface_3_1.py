@@ -232,7 +232,7 @@ def test_no_history_makes_an_angle_younger_than_its_measurement(history: list[st
             elif step == "pause":
                 clock.now += 0.7
             elif step == "spoil":
-                measured_s = clock.now
+                told.stands = True
                 for frame in told.frames():
                     frame.data[3] ^= 0xFF
                     line.receive(frame)

@@ -17,10 +17,13 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from station.cycle.vehicle_words import SteeringWheel
 from station.cycle.words import (
+    SERVED_MODES,
     Abort,
     Acknowledge,
     ErrorCode,
+    Mode,
     Outcome,
     Reset,
     StationState,
@@ -30,9 +33,13 @@ from station.cycle.words import (
 )
 from station.line.handshake import Asked, Event, Handshake
 from station.line.interface import StationLine
-from station.line.wire.bus import LineBus
+from station.line.plc.orders import PlcOrder
+from station.line.plc.simulator import PlcSimulator
+from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.dbc import LineDatabase, Value, load_line_database
 from station.line.wire.messages import CommandCode, HandshakeState
+from station.line.wire.options import LineOptions
+from station.rehearsal.simulated import simulated_station
 from tests.documents import snippets
 from tests.station.line.line_bench import DBC, VIN, WAIT_S, Clock, FakeCanBus
 from tests.station.line.page import PAGE, TEXT, Kept, PageCode, PagePlc, rows
@@ -477,7 +484,7 @@ def test_drawn_cycle_is_what_goes_over_the_bus(world: World) -> None:
     assert world.plc is not None
     drawing = next(text for text in snippets(PAGE, "mermaid") if text.startswith("sequenceDiagram"))
     arrows = re.findall(r"^ +(\S->>\S): (.*)$", drawing, re.MULTILINE)
-    assert len(arrows) == 15
+    assert len(arrows) == 16
     world.run(1.0)
     world.plc.waiting.append(VIN)
     world.run(2.0)
@@ -487,6 +494,37 @@ def test_drawn_cycle_is_what_goes_over_the_bus(world: World) -> None:
             full = part if "(" in part or "(n)" not in text else f"{part} (n)"
             found = any(way == direction and shows(frame, full) for direction, frame in frames)
             assert found, f"no {full} ({way}) after what is drawn before it"
+
+
+def test_drawn_sweep_is_what_goes_over_the_bus() -> None:
+    """What the station sends comes in the order of the drawing; the controller's messages exist."""
+    drawing = snippets(PAGE, "mermaid")[-1]
+    arrows = re.findall(r"^ +(\S)->>\S: (.*)$", drawing, re.MULTILINE)
+    assert len(arrows) == 8
+    options = LineOptions(communication_timeout_s=1.5, modes=SERVED_MODES)
+    with (
+        simulated_station(DATABASE, 0.02, options) as settings,
+        open_bus(settings) as bus,
+        PlcSimulator(bus, DATABASE) as plc,
+    ):
+        plc.connect()
+        plc.teller.steering = SteeringWheel(0.0)
+        received = iter(plc.run(PlcOrder(VIN, mode=Mode.SWEEP)).received)
+    for sender, text in arrows:
+        for part in text.split(", "):
+            name, *words = part.replace("(n)", "").split()
+            if name == "results":
+                continue
+            message = next(m for m in DATABASE.definition.messages if m.name == name)
+            assert message.senders == [{"P": "PLC", "S": "STATION"}[sender]]
+            if sender == "S" and (wanted := [w for w in words if w.isalpha() and w in SHOWN]):
+                found = any(
+                    m.name == name and set(wanted) <= {*map(str, m.values.values())} for m in received
+                )
+                assert found, f"no {part} after what is drawn before it"
+
+
+SHOWN = {"accepted", "sweeping", "turning", "hold", "turn", "done", "busy"}
 
 
 def cells_of_the_handshake() -> list[tuple[str, str, str]]:
@@ -501,12 +539,12 @@ def cells_of_the_handshake() -> list[tuple[str, str, str]]:
 def test_command_does_in_a_state_what_the_page_says(state: str, request_: str, cell: str) -> None:
     handshake = Handshake()
     handshake.asked(Asked(CommandCode.NONE, 0))
-    handshake.state, handshake.sequence, handshake._start = HandshakeState(state), 5, 5
-    handshake._next = 3
-    code, _, named = request_.partition(", ")
-    position = {"next position": 3, "position taken before": 2}.get(named, 0)
-    number = 5 if position or named == "same number" else 6
-    handshake.asked(Asked(CommandCode(code), number, ("front_left",), vin=VIN, position=position))
+    handshake.state, handshake.sequence, handshake._start, handshake._next = HandshakeState(state), 5, 5, 3
+    code, _, number = request_.partition(", ")
+    position = {"next position": 3, "position taken before": 2}.get(number, 0)
+    own = number == "same number" or position > 0
+    wheels = ("front_left",)
+    handshake.asked(Asked(CommandCode(code), 5 if own else 6, wheels, vin=VIN, position=position))
     refusal = handshake.reply.refusal
     if cell.startswith("→"):
         assert (handshake.state, refusal) == (cell[2:], ErrorCode.NONE)
@@ -530,8 +568,8 @@ def test_drawn_states_are_left_as_drawn() -> None:
                 handshake.state = HandshakeState(source)
                 handshake.happened(Event(word))
                 assert handshake.state == target, (source, word)
-            elif word == "start to adjust":
-                assert target == "adjusting"
+            elif word in ("start to adjust", "start to sweep"):
+                assert target == {"adjust": "adjusting", "sweep": "sweeping"}[word.rpartition(" ")[2]]
                 assert (source, "start") in commands
             else:
                 assert commands.get((source, word)) == target, (source, word)
