@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from alignment.values import (
     WheelMeasurement,
 )
 from alignment.vehicle.angles import camber_toe
+from alignment.wheel.load import LoadedWheel
 from alignment.wheel.plane import PlaneFit, fit_plane
 from alignment.wheel.reference import wheel_reference
 from alignment.wheel.ridges import fit_ridges
@@ -46,8 +47,18 @@ _FARTHEST_AXIS = 60.0  # mm
 _FEWEST_HEADS = 2
 
 
+LoadFound = Callable[[LoadedWheel], None]
+
+
+def _nothing(_load: LoadedWheel) -> None:
+    """Nobody asks for the load."""
+
+
 def measure_wheel(
-    images: Sequence[StereoImages], calibration: RigCalibration | PreparedRig, settings: MeasureSettings
+    images: Sequence[StereoImages],
+    calibration: RigCalibration | PreparedRig,
+    settings: MeasureSettings,
+    load_found: LoadFound = _nothing,
 ) -> WheelMeasurement | Refusal:
     """Measure the tyre plane of one wheel.
 
@@ -66,6 +77,9 @@ def measure_wheel(
         than once passes a `PreparedRig` and keeps it.
     settings
         See `MeasureSettings`.
+    load_found
+        Given the load that was taken off, where there is one: for wheels that are shot several times under
+        the same load.
 
     Returns
     -------
@@ -82,25 +96,29 @@ def measure_wheel(
     wrong = _check_images(images, rig.calibration)
     if wrong is not None:
         return wrong
-    result = _measure(images, rig, settings)
+    result = _measure(images, rig, settings, load_found)
     if isinstance(result, Refusal) and settings.allow_lost_head and len(images) >= _FEWEST_HEADS + 1:
         names = [head.name for head in rig.heads]
         if result.head in names:
-            return _without_head(names.index(result.head), images, rig, settings) or result
+            return _without_head(names.index(result.head), images, rig, settings, load_found) or result
     return result
 
 
 def _without_head(
-    lost: int, images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
+    lost: int,
+    images: Sequence[StereoImages],
+    rig: PreparedRig,
+    settings: MeasureSettings,
+    load_found: LoadFound,
 ) -> WheelMeasurement | Refusal:
     """Measure with the other heads alone."""
     others = [pair for k, pair in enumerate(images) if k != lost]
-    result = _measure(others, rig.without[lost], settings)
+    result = _measure(others, rig.without[lost], settings, load_found)
     return replace(result, degraded=True) if isinstance(result, WheelMeasurement) else result
 
 
 def _measure(
-    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
+    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings, load_found: LoadFound
 ) -> WheelMeasurement | Refusal:
     lines = _lines(images, rig, settings)
     if isinstance(lines, Refusal):
@@ -119,7 +137,7 @@ def _measure(
             "the points of the heads do not lie around one axis; check that the wheel stands in the "
             "measuring volume and that nothing else is in view",
         )
-    return _evaluate(lines, matched, pool, surface, rig, settings)
+    return _evaluate(lines, matched, pool, surface, rig, settings, load_found)
 
 
 def _lines(
@@ -192,6 +210,7 @@ def _evaluate(
     surface: WheelSurface,
     rig: PreparedRig,
     settings: MeasureSettings,
+    load_found: LoadFound,
 ) -> WheelMeasurement | Refusal:
     """Ask whether the surface is a wheel before intact heads, and take its angles from it."""
     told = told_apart(lines, matched, everything, surface, rig, settings)
@@ -218,6 +237,7 @@ def _evaluate(
     turn = angles_by_normal(normal, rig.calibration) @ tilt_axes.T
     if loaded is not None:
         covariance = covariance + loaded.covariance
+        load_found(loaded)
     noise = turn @ covariance @ turn.T
     common = rig.angle_covariance
     reference = None
