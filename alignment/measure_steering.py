@@ -2,7 +2,8 @@
 
 What the positions have in common is worth as much as what each has. The errors of the calibration are the
 same at all of them, but act on a wheel that is steered a little otherwise than on one that stands straight:
-what each of them does is computed for the wheel as it stands.
+what each of them does is computed for the wheel as it stands. And the wheel carries the same load: what all
+positions tell of it together is taken off each.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from alignment.arrays import Array
 from alignment.calibration.posed import posed_axis_sensitivity
 from alignment.geometry.transforms import RigidTransform
-from alignment.measure import measure_wheel
+from alignment.measure import measure_and_show
 from alignment.measure_spin import heads_judged
 from alignment.prepared import PreparedRig
 from alignment.values import (
@@ -28,8 +29,10 @@ from alignment.values import (
     StereoImages,
     WheelMeasurement,
 )
+from alignment.vehicle.angles import camber_toe
 from alignment.vehicle.steering_values import SteeredWheel
 from alignment.vehicle.wheel_axes import AXIS_SIZE, WheelAxis
+from alignment.wheel.load_shared import LoadSeen, shared_load
 
 LARGEST_STEER = math.radians(12.0)
 """To which wheels are steered to both sides in full images."""
@@ -75,9 +78,10 @@ def measure_steered(
     list of SteeredWheel, or Refusal
         The refusal of a single shot names it.
     """
-    planes = []
+    planes: list[WheelMeasurement] = []
+    loads: list[LoadSeen | None] = []
     for number, images in enumerate(shots, start=1):
-        found = measure_wheel(images, rig, settings)
+        found, load = _with_load(images, rig, settings)
         if isinstance(found, Refusal):
             return replace(found, reason=f"position {number}: {found.reason}")
         if found.reference is None:
@@ -87,21 +91,45 @@ def measure_steered(
                 "place is not known; check that the heads see the widest part of the tyre",
             )
         planes.append(found)
+        loads.append(load)
         shot_done(found)
     judged = heads_judged(planes, rig)
     if isinstance(judged, Refusal):
         return judged
-    return steered_wheels(planes, rig, None if judged is None else judged.covariance)
+    return steered_wheels(planes, rig, loads, None if judged is None else judged.covariance)
+
+
+def _with_load(
+    images: Sequence[StereoImages], rig: PreparedRig, settings: MeasureSettings
+) -> tuple[WheelMeasurement | Refusal, LoadSeen | None]:
+    """Measure one position, and keep what it tells of the load."""
+    found, sight = measure_and_show(images, rig, settings)
+    return found, None if sight is None or sight.loaded is None else LoadSeen.of(sight.loaded)
 
 
 def steered_wheels(
-    planes: Sequence[WheelMeasurement], rig: PreparedRig, moved: Array | None = None
+    planes: Sequence[WheelMeasurement],
+    rig: PreparedRig,
+    loads: Sequence[LoadSeen | None] | None = None,
+    moved: Array | None = None,
 ) -> list[SteeredWheel]:
     """Return positions of the steering from the tyre planes of one wheel, all of which have a place.
 
     What is stated of a tyre plane is parted into what the calibration does at all positions and what is each
-    one's own: its noise, and what it makes of the load anew. `moved` is the covariance (2, 2) of camber and
-    toe, radians², by heads that may have moved since the calibration: the same at all positions.
+    one's own.
+
+    Parameters
+    ----------
+    planes
+        Of the positions.
+    rig
+        Before which they stood.
+    loads
+        What each tells of the load; where all do, it is taken off by all together, and what is not known of
+        it is no position's own. Otherwise each one's own counts.
+    moved
+        (2, 2) covariance of camber and toe by heads that may have moved since the calibration, the same at
+        all positions, radians².
     """
     calibration = rig.calibration
     poses = [rig_from_wheel(p.normal, p.reference.point) for p in planes if p.reference is not None]
@@ -110,6 +138,10 @@ def steered_wheels(
         heads = np.zeros((len(planes), AXIS_SIZE, 2))
         heads[:, :2] = _root(moved)
         common = np.concatenate([common, heads], axis=2)
+    told = [load for load in loads or () if load is not None]
+    together = len(told) == len(planes)
+    if together:
+        planes = _with_one_load(planes, told, rig)
     out = []
     for plane, shared in zip(planes, common, strict=True):
         reference = plane.reference
@@ -118,7 +150,24 @@ def steered_wheels(
         own = np.array(axis.covariance)
         if rig.axis_covariance is not None:
             own -= rig.axis_covariance
+        if together and plane.load_covariance is not None:
+            own[:2, :2] -= plane.load_covariance
         out.append(SteeredWheel(replace(axis, covariance=_positive(own)), shared, plane.load_covariance))
+    return out
+
+
+def _with_one_load(
+    planes: Sequence[WheelMeasurement], loads: Sequence[LoadSeen], rig: PreparedRig
+) -> list[WheelMeasurement]:
+    """Tyre planes as the load of all positions leaves them; their places move by less than a micrometre."""
+    lift = shared_load(loads)
+    turn, side = rig.calibration.vehicle_from_rig.rotation, rig.calibration.side
+    out = []
+    for plane, load in zip(planes, loads, strict=True):
+        normal = plane.normal + load.turned(lift)
+        normal /= np.linalg.norm(normal)
+        camber, toe = camber_toe(turn @ normal, side)
+        out.append(replace(plane, normal=normal, camber=camber, toe=toe))
     return out
 
 

@@ -96,6 +96,7 @@ RUN_ELSEWHERE = {
         3,
         "tests/alignment/calibration/test_method_page.py",
     ),
+    ("docs/how-to/measure-the-steering-axis.md", "sh"): (1, "tests/end_to_end/test_steering_axis.py"),
     ("docs/how-to/measure-again.md", "sh"): (3, "tests/station/replay/test_page.py"),
     ("docs/how-to/add-a-camera.md", "python"): (2, "tests/end_to_end/test_camera_plugin.py"),
     ("docs/how-to/add-a-camera.md", "toml"): (2, "tests/end_to_end/test_camera_plugin.py"),

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-from typing import Final
+from functools import lru_cache
 
 import numpy as np
 
 from alignment.arrays import Array
-from alignment.measure import measure_wheel
 from alignment.measure_steering import (
     calibration_errors,
     measure_steered,
     rig_from_wheel,
     steered_settings,
-    steered_wheels,
 )
 from alignment.prepared import PreparedRig
 from alignment.units import ARCMIN
-from alignment.values import MeasureSettings, Refusal, RigCalibration, WheelMeasurement
+from alignment.values import MeasureSettings, Refusal, RigCalibration
 from alignment.vehicle import (
     RunOut,
     SteeredWheel,
     SteeringStand,
+    VehicleWheel,
     WheelAxis,
     camber_toe,
 )
@@ -34,6 +32,7 @@ from sensors.simulation import (
     ROAD_Z_MM,
     SimulatedStand,
     SteeredVehicle,
+    Vehicle,
     VehicleDraw,
     draw_steering,
     draw_vehicle,
@@ -44,7 +43,8 @@ from station.studies.coverage import drawn
 from station.studies.vehicle_stand import WIDTH_MM, placed_rig, side_of_wheel
 from station.studies.wheels import exposed, lights
 
-WHEEL: Final = "front_left"
+WHEEL: VehicleWheel = "front_left"
+VEHICLES = 20
 DEEP_STAGES: tuple[tuple[float, float, float], ...] = (
     (0.0, 0.0, 0.0),
     (0.0, 0.0, -60.0),
@@ -96,15 +96,23 @@ class KnownSweep:
     truth: SteeringTruth
 
 
+@lru_cache(VEHICLES)
+def _drawn_vehicle(seed: int, number: int) -> Vehicle:
+    """Tyres take their time."""
+    draw = VehicleDraw(load_mm=LOAD_MM, runout_mm=RUN_OUT_MM)
+    return straight_vehicle(
+        draw_vehicle(int(np.random.default_rng([seed, 50, number]).integers(2**32)), None, draw)
+    )
+
+
 def steered_vehicle(seed: int, number: int) -> SteeredVehicle:
-    """Draw a loaded vehicle with run-out, steering straight ahead; each number is another.
+    """Draw a loaded vehicle with run-out, steering straight ahead; each number has another axis.
 
     Its tyres are even but for their run-out, and no side force is on them: what single exposures cannot tell
     from heads that moved is refused there, and no matter of the steering.
     """
-    draw = VehicleDraw(load_mm=LOAD_MM, runout_mm=RUN_OUT_MM)
     each = int(np.random.default_rng([seed, 51, number]).integers(2**32))
-    vehicle = straight_vehicle(draw_vehicle(each, None, draw))
+    vehicle = replace(_drawn_vehicle(seed, number % VEHICLES), seed=each)
     corners = {}
     for wheel, corner in vehicle.corners.items():
         assert corner.load is not None
@@ -226,34 +234,36 @@ def errors_of_calibration(rig: RigCalibration, vehicle: SteeredVehicle, steers: 
 
 
 def shot_noise(
-    rig: RigCalibration, vehicle: SteeredVehicle, steer: float, exposures: int, rng: np.random.Generator
-) -> ShotNoise | Refusal:
-    """Render a wheel at one angle of the rack, and measure exposures that differ by their noise alone."""
-    scene = vehicle.at(steer).scene(WHEEL, _stand(rig))
-    light = lights(scene, rig)
-    prepared = PreparedRig.of(rig, SETTINGS)
-    planes = []
-    for _ in range(exposures):
-        found = measure_wheel(exposed(light, scene, rng), prepared, SETTINGS)
-        if isinstance(found, Refusal):
-            return found
-        planes.append(found)
-    return _noise_of(planes, prepared, states(vehicle, (steer,))[0], steer)
-
-
-def _noise_of(planes: list[WheelMeasurement], rig: PreparedRig, exact: Array, steer: float) -> ShotNoise:
-    found = steered_wheels(planes, rig)
-    stated = np.mean([one.axis.covariance for one in found], axis=0)
-    angles = np.array([[one.camber, one.toe] for one in planes])
-    loads = [one.load_covariance for one in found if one.load_covariance is not None]
-    ratio = angles.var(axis=0, ddof=1) / np.diag(stated)[:2]
-    return ShotNoise(
-        steer,
-        stated,
-        np.mean(loads, axis=0) if loads else None,
-        float(ratio.mean()),
-        angles.mean(axis=0) - exact[:2],
+    rig: RigCalibration,
+    vehicle: SteeredVehicle,
+    steers: Sequence[float],
+    exposures: int,
+    rng: np.random.Generator,
+) -> list[ShotNoise] | Refusal:
+    """Render a wheel at angles of the rack; exposures of each differ by their noise alone."""
+    stand = _stand(rig)
+    scenes = [vehicle.at(steer).scene(WHEEL, stand) for steer in steers]
+    lit = [lights(scene, rig) for scene in scenes]
+    shots = (
+        exposed(light, scene, rng) for light, scene in zip(lit, scenes, strict=True) for _ in range(exposures)
     )
+    series = measure_steered(shots, PreparedRig.of(rig, SETTINGS), SETTINGS)
+    if isinstance(series, Refusal):
+        return series
+    exact = states(vehicle, steers)
+    return [
+        _noise_of(series[k * exposures : (k + 1) * exposures], exact[k], steer)
+        for k, steer in enumerate(steers)
+    ]
+
+
+def _noise_of(series: Sequence[SteeredWheel], exact: Array, steer: float) -> ShotNoise:
+    stated = np.mean([one.axis.covariance for one in series], axis=0)
+    angles = np.array([[one.axis.camber, one.axis.toe] for one in series])
+    loads = [one.load_covariance for one in series if one.load_covariance is not None]
+    ratio = angles.var(axis=0, ddof=1) / np.diag(stated)[:2]
+    load = np.mean(loads, axis=0) if loads else None
+    return ShotNoise(steer, stated, load, float(ratio.mean()), angles.mean(axis=0) - exact[:2])
 
 
 def rendered_sweep(
