@@ -141,7 +141,9 @@ def moved_reference(known: WheelReference, before: RevolutionFit, after: Revolut
         Fits of the wheel, the second one from the first one's profile on (`fit_near`).
     """
     height = float((known.point - before.centre) @ before.normal)
-    height += float(np.median(after.profile - before.profile))
+    rise = after.profile - before.profile
+    # NumPy's median takes ten times as long.
+    height += float(np.partition(rise, len(rise) // 2)[len(rise) // 2])
     return WheelReference(after.centre + height * after.normal, known.covariance)
 
 
