@@ -30,7 +30,7 @@ def corrections_by_hand(
     """
     from alignment.errors import InputError
     from station.configuration import read_vehicle_type
-    from station.cycle import RideHeights, SteeringSource, SteeringWheel, ToldOfVehicle, corrections
+    from station.cycle import RideHeights, SteeringSource, SteeringWheel, ToldOfVehicle, corrections_of
 
     if vehicle_type is None:
         said = [("steering wheel deg", steering_wheel_deg is not None), ("ride height", bool(ride_heights))]
@@ -56,7 +56,7 @@ def corrections_by_hand(
         else SteeringWheel(steering_wheel_deg, source=SteeringSource.OPERATOR)
     )
     told = ToldOfVehicle(steering, RideHeights(_heights(ride_heights, wheels)))
-    return kind, corrections(kind, tuple(wheels), (told,))
+    return kind, corrections_of(kind, tuple(wheels), (told,))
 
 
 def _heights(said: Sequence[str], wheels: Sequence[str]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 from .acceptance import corrected_and_judged as corrected_and_judged
 from .coalesced import Coalesced as Coalesced
 from .corrections import Corrections as Corrections
-from .corrections import corrections as corrections
+from .corrections import corrections_of as corrections_of
 from .failure import Failure as Failure
 from .following import Follower as Follower
 from .frame import CommonFrame as CommonFrame

@@ -99,7 +99,7 @@ class Corrections:
 NO_CORRECTIONS = Corrections()
 
 
-def corrections(kind: VehicleType, wheels: Sequence[str], told: Sequence[ToldOfVehicle]) -> Corrections:
+def corrections_of(kind: VehicleType, wheels: Sequence[str], told: Sequence[ToldOfVehicle]) -> Corrections:
     """Return what is done to the angles of some wheels.
 
     Parameters

@@ -20,7 +20,7 @@ from alignment.vehicle import (
 from alignment.wheel import run_out_mm
 from db.records import Reference
 from station.configuration import LengthTolerance, Limits, Tolerance, VehicleType
-from station.cycle.corrections import NO_CORRECTIONS, Corrections, corrections
+from station.cycle.corrections import NO_CORRECTIONS, Corrections, corrections_of
 from station.cycle.failure import Failure
 from station.cycle.frame import CommonFrame, geometry_of, whole_vehicle
 from station.cycle.positions import WheelResult
@@ -231,7 +231,7 @@ def evaluate(
     """
     by_name = {result.wheel: result for result in results}
     geometry, problem = geometry_of(frame, kind, by_name, coverage_factor)
-    corrected = corrections(kind, tuple(by_name), told)
+    corrected = corrections_of(kind, tuple(by_name), told)
     judge = _Judge(kind, by_name, coverage_factor, corrected, frame, geometry)
     wheels = tuple(judge.wheel(result) for result in results)
     axles = tuple(

@@ -32,7 +32,7 @@ def test_limits_are_stored_in_radians_for_every_angle_that_has_some(tmp_path: Pa
     found = limits_of(kinds[min(kinds)])
     tolerance = kinds[min(kinds)].axles["front"].toe
     assert found["front"]["toe"] == [tolerance.limits().low, tolerance.limits().high]
-    lengths = set(LENGTHS)
+    lengths = {*LENGTHS, "trail", "scrub"}
     assert all(
         -math.pi < low < high < math.pi
         for axle in found.values()
