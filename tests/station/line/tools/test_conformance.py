@@ -58,7 +58,6 @@ def test_a_good_station_passes_every_point(trial: Trial) -> None:
         ("HELD", "START_NEW", Rule(), "start-while-held"),
         ("READY", "STOP_OTHER", Rule(), "stop-without-adjusting"),
         ("READY", "STEP_OTHER", Rule(), "step-nowhere"),
-        ("TURNING", "ABORT_SAME", Rule(HandshakeState.BUSY), "sweep-aborted"),
     ],
 )
 def test_a_station_that_errs_is_found_out(
