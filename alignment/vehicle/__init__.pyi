@@ -19,11 +19,11 @@ from .placed import placing_covariance as placing_covariance
 from .placed import pose_by_frame as pose_by_frame
 from .ride_height import HeightCorrection as HeightCorrection
 from .ride_height import RideHeightCurve as RideHeightCurve
-from .steered_pairs import SteeredPair as SteeredPair
-from .steered_pairs import steered_pair as steered_pair
-from .steered_pairs import straight_toe as straight_toe
 from .steering import classic_caster as classic_caster
 from .steering import steering_axis as steering_axis
+from .steering_pair import SteeredPair as SteeredPair
+from .steering_pair import steered_pair as steered_pair
+from .steering_pair import straight_toe as straight_toe
 from .steering_values import RunOut as RunOut
 from .steering_values import SteeredWheel as SteeredWheel
 from .steering_values import SteeringAxis as SteeringAxis

@@ -14,7 +14,7 @@ from alignment.errors import ConfigurationError
 from station.line.tools.monitor import CycleFollower, CycleTrace, DecodedFrame
 from station.line.wire import Value, VinAssembly
 
-COUNTING = frozenset({"E2eCrc", "E2eCounter", "AliveCounter", "Heartbeat", "HeartbeatEcho", "Age"})
+COUNTING = frozenset({"E2eCrc", "E2eCounter", "AliveCounter", "Heartbeat", "HeartbeatEcho", "Age", "Sample"})
 """Signals that are another number in every frame, and say nothing but that it is another frame, later."""
 _OLDEST_DATE_S = 1e9  # Earlier times of a log count from its beginning.
 

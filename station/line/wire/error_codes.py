@@ -40,7 +40,7 @@ MEANINGS: dict[ErrorCode, Meaning] = {
     ),
     ErrorCode.UNKNOWN_COMMAND: Meaning(
         Part.LINE,
-        "The code of the command is none of the value table, or reserved.",
+        "The code of the command is none of the value table, or step on a line before interface 3.1.",
         "Send a code of the value table.",
     ),
     ErrorCode.BUSY: Meaning(
@@ -91,7 +91,8 @@ MEANINGS: dict[ErrorCode, Meaning] = {
     ErrorCode.MODE_NOT_AVAILABLE: Meaning(
         Part.CONFIGURATION,
         "The mode is none of the value table, or this station is not set up for it.",
-        "Choose another mode; calibrate needs a folder for its images in the configuration.",
+        "Choose another mode; calibrate needs a folder for its images in the configuration, sweep a vehicle "
+        "type that says how its steering is swept.",
     ),
     ErrorCode.WRONG_INTERFACE: Meaning(
         Part.LINE,

@@ -57,6 +57,7 @@ def test_a_good_station_passes_every_point(trial: Trial) -> None:
         ("HELD", "ACKNOWLEDGE_OTHER", Rule(HandshakeState.CLOSING, deliver=True), "held-results"),
         ("HELD", "START_NEW", Rule(), "start-while-held"),
         ("READY", "STOP_OTHER", Rule(), "stop-without-adjusting"),
+        ("READY", "STEP_OTHER", Rule(), "step-nowhere"),
     ],
 )
 def test_a_station_that_errs_is_found_out(
