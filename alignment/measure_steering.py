@@ -19,6 +19,7 @@ from alignment.arrays import Array
 from alignment.calibration.posed import posed_axis_sensitivity
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_and_show
+from alignment.measure_load import LoadSeen, shared_load
 from alignment.measure_spin import heads_judged
 from alignment.prepared import PreparedRig
 from alignment.values import (
@@ -32,7 +33,6 @@ from alignment.values import (
 from alignment.vehicle.angles import camber_toe
 from alignment.vehicle.steering_values import SteeredWheel
 from alignment.vehicle.wheel_axes import AXIS_SIZE, WheelAxis
-from alignment.wheel.load_shared import LoadSeen, shared_load
 
 LARGEST_STEER = math.radians(12.0)
 """To which wheels are steered to both sides in full images."""
@@ -133,7 +133,7 @@ def steered_wheels(
     """
     calibration = rig.calibration
     poses = [rig_from_wheel(p.normal, p.reference.point) for p in planes if p.reference is not None]
-    common = calibration_errors(calibration, poses, np.array([plane.toe for plane in planes]))
+    common = errors_at_positions(calibration, poses, np.array([plane.toe for plane in planes]))
     if moved is not None:
         heads = np.zeros((len(planes), AXIS_SIZE, 2))
         heads[:, :2] = _root(moved)
@@ -171,7 +171,7 @@ def _with_one_load(
     return out
 
 
-def calibration_errors(calibration: RigCalibration, poses: Sequence[RigidTransform], toes: Array) -> Array:
+def errors_at_positions(calibration: RigCalibration, poses: Sequence[RigidTransform], toes: Array) -> Array:
     """(N, 5, M) what independent errors of a calibration do to camber, toe and place at N positions.
 
     Parameters

@@ -10,7 +10,7 @@ import numpy as np
 
 from alignment.arrays import Array
 from alignment.measure_steering import (
-    calibration_errors,
+    errors_at_positions,
     measure_steered,
     rig_from_wheel,
     steered_settings,
@@ -230,7 +230,7 @@ def errors_of_calibration(rig: RigCalibration, vehicle: SteeredVehicle, steers: 
     for state in found:
         axis = WheelAxis(side, float(state[0]), float(state[1]), state[2:], np.zeros((5, 5)))
         poses.append(rig_from_wheel(back.apply_vectors(axis.normal), back.apply(axis.point)))
-    return calibration_errors(rig, poses, found[:, 1])
+    return errors_at_positions(rig, poses, found[:, 1])
 
 
 def shot_noise(
