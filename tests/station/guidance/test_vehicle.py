@@ -1,0 +1,105 @@
+"""Rear before front, and which wheel of an axle is turned for it; angles in arcminutes."""
+
+from __future__ import annotations
+
+import pytest
+
+from station.guidance.drift import Drift
+from station.guidance.plan import WheelReading, WheelPlan
+from station.guidance.vehicle import VehicleGuide
+from station.guidance.wheel import Advice
+from station.guidance.words import GuidanceState
+from tests.station.guidance.walk import ARCMIN, BOLT, ROD, SIX, bolt, rod
+
+S = GuidanceState
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
+
+class Stand:
+    def __init__(self, *wheels: str) -> None:
+        plans = [WheelPlan(wheel, SIX, SIX, rod(), bolt()) for wheel in wheels]
+        drift = Drift(0.0, 9.0 * ARCMIN)
+        self.guide = VehicleGuide(
+            plans, {(axle, kind): drift for axle in ("front", "rear") for kind in (ROD, BOLT)}
+        )
+        self.toes = dict.fromkeys(wheels, 0.0)
+        self.verdicts: dict[str, dict[str, bool]] = {wheel: {} for wheel in wheels}
+        self.time_s = 0.0
+
+    def run(self, times: int = 5) -> dict[str, Advice]:
+        told: dict[str, Advice] = {}
+        for _ in range(times):
+            self.time_s += 0.25
+            for wheel, toe in self.toes.items():
+                own = {f"{wheel}.camber": True, f"{wheel}.toe": abs(toe) <= 6.0}
+                reading = WheelReading(
+                    wheel, self.time_s, 0.0, toe * ARCMIN, verdicts=own | self.verdicts[wheel]
+                )
+                told[wheel] = self.guide.take(reading)
+        return told
+
+
+def test_the_front_axle_waits_for_the_rear_one() -> None:
+    stand = Stand(*WHEELS)
+    stand.toes |= {"front_left": 20.0, "rear_right": 20.0}
+    told = stand.run()
+    assert told["rear_right"].state is S.TURN
+    assert told["rear_left"].state is S.DONE
+    assert told["front_left"].state is S.WAITING
+    assert told["front_right"].state is S.DONE
+
+
+def test_a_rear_wheel_waits_for_no_front_wheel() -> None:
+    stand = Stand(*WHEELS)
+    stand.toes |= dict.fromkeys(WHEELS, 20.0)
+    told = stand.run()
+    assert {wheel: told[wheel].state for wheel in WHEELS} == {
+        "front_left": S.WAITING,
+        "front_right": S.WAITING,
+        "rear_left": S.TURN,
+        "rear_right": S.TURN,
+    }
+
+
+def test_a_bent_rear_axle_does_not_keep_the_front_waiting() -> None:
+    stand = Stand(*WHEELS)
+    stand.toes |= {"front_left": 20.0, "rear_right": 900.0}
+    told = stand.run(6)
+    assert told["rear_right"].state is S.UNREACHABLE
+    assert told["front_left"].state is S.TURN
+
+
+def test_the_front_axle_alone_waits_for_nobody() -> None:
+    stand = Stand("front_left", "front_right")
+    stand.toes["front_left"] = 20.0
+    assert stand.run()["front_left"].state is S.TURN
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_wheel_farther_from_its_target_is_turned_for_the_axle(sign: float) -> None:
+    stand = Stand("front_left", "front_right")
+    stand.toes |= {"front_left": sign * 3.0, "front_right": sign * 5.0}
+    for wheel in stand.toes:
+        stand.verdicts[wheel] = {"front.total_toe": False}
+    told = stand.run()
+    assert told["front_right"].state is S.TURN
+    assert told["front_right"].turns == pytest.approx(-sign * 5.0 / 40.0)
+    assert told["front_left"].state is S.WAITING
+
+
+def test_the_thrust_angle_is_a_matter_of_toe_and_the_difference_one_of_camber() -> None:
+    stand = Stand("rear_left", "rear_right")
+    stand.toes["rear_left"] = 4.0
+    for wheel in stand.toes:
+        stand.verdicts[wheel] = {"thrust_angle": False}
+    assert stand.run()["rear_left"].adjuster is ROD
+    both = Stand("rear_left", "rear_right")
+    for wheel in both.toes:
+        both.verdicts[wheel] = {"rear.camber_difference": False}
+    # Camber is where it should be already: nothing is to be turned for it, and nothing is done either.
+    assert {advice.state for advice in both.run().values()} == {S.WAITING}
+
+
+def test_a_wheel_without_a_plan_is_not_guided() -> None:
+    stand = Stand("front_left")
+    assert stand.guide.take(WheelReading("rear_left", 1.0, 0.0, 0.0)).state is S.NONE
