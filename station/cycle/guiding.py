@@ -22,9 +22,9 @@ from station.guidance import (
     Advice,
     Drift,
     GuidanceSettings,
-    WheelReading,
     VehicleGuide,
     WheelPlan,
+    WheelReading,
 )
 
 FRESH_S = 3.0

@@ -1,8 +1,8 @@
 from .drift import Drift as Drift
 from .plan import AdjusterPlan as AdjusterPlan
 from .plan import GuidanceSettings as GuidanceSettings
-from .plan import WheelReading as WheelReading
 from .plan import WheelPlan as WheelPlan
+from .plan import WheelReading as WheelReading
 from .states import GUIDANCE_STATES as GUIDANCE_STATES
 from .states import GuidanceRule as GuidanceRule
 from .vehicle import VehicleGuide as VehicleGuide

@@ -12,7 +12,7 @@ import numpy as np
 
 from station.configuration import Limits
 from station.guidance.drift import Drift
-from station.guidance.plan import AdjusterPlan, GuidanceSettings, WheelReading, WheelPlan
+from station.guidance.plan import AdjusterPlan, GuidanceSettings, WheelPlan, WheelReading
 from station.guidance.reaction import Reaction
 from station.guidance.stillness import Rest
 from station.guidance.words import AdjusterKind, OutOfReach
@@ -259,7 +259,7 @@ class Aims:
             return False
         return bool(
             abs(change[0]) < abs(change[1])
-            and abs(change[0] / change[1] - other.reaction.ratio) <= other.plan.coupling_error
+            and abs(change[0] / change[1] - other.reaction.ratio) <= 0.5 * other.plan.coupling_error
         )
 
     def _least(self, kind: AdjusterKind, rest: Rest, aim: float) -> float:

@@ -150,8 +150,8 @@ class GuidanceSettings:
     readings: int = 4
     rest_s: float = 0.6
     still: float = 0.8 * ARCMIN
-    margin: float = 1.3
-    window: float = 0.1
+    margin: float = 1.1
+    window: float = 0.07
     lock_s: float = 8.0
     stuck_s: float = 12.0
     turning_error: float = 0.15

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from station.guidance.drift import Drift
-from station.guidance.plan import GuidanceSettings, WheelReading, WheelPlan
+from station.guidance.plan import GuidanceSettings, WheelPlan, WheelReading
 from station.guidance.stillness import Rest
 from station.guidance.wheel import Advice, WheelGuide
 from station.guidance.words import AdjusterKind, GuidanceState

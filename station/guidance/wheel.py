@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from station.guidance.aims import BOLT, ROD, Aims
 from station.guidance.drift import Drift
-from station.guidance.plan import GuidanceSettings, WheelReading, WheelPlan
+from station.guidance.plan import GuidanceSettings, WheelPlan, WheelReading
 from station.guidance.stillness import Rest, Stillness
 from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach
 

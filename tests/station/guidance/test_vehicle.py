@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from station.guidance.drift import Drift
-from station.guidance.plan import WheelReading, WheelPlan
+from station.guidance.plan import WheelPlan, WheelReading
 from station.guidance.vehicle import VehicleGuide
 from station.guidance.wheel import Advice
 from station.guidance.words import GuidanceState

@@ -118,8 +118,11 @@ def test_the_target_leaves_room_for_the_usual_drift(used: bool, aim: float) -> N
 def test_who_turns_on_out_of_the_window_is_told_so() -> None:
     walk = Walk(with_rod=rod())
     walk.at(0.0, 20.0, 4)
-    assert walk.at(0.0, 0.5).state is S.HOLD
-    assert walk.at(0.0, 0.7).state is S.HOLD
+    assert walk.at(0.0, 0.39).state is S.TURN
+    assert walk.at(0.0, 0.38).state is S.HOLD
+    assert walk.at(0.0, 0.57).state is S.HOLD
+    assert walk.at(0.0, 0.58).state is S.TURN
+    assert walk.at(0.0, 0.38).state is S.HOLD
     advice = walk.at(0.0, -2.0)
     assert advice.state is S.TURN
     assert advice.turns == approx(0.05)
@@ -194,10 +197,10 @@ def test_a_turned_wheel_is_done_only_well_inside() -> None:
     walk = Walk(with_rod=rod(), u95=1.0)
     walk.at(0.0, 20.0, 4)
     turned_to(walk, 0.0)
-    walk.at(0.0, 4.9, 5)
-    assert walk.at(0.0, 4.9, 4).state is S.TURN
+    walk.at(0.0, 4.95, 5)
+    assert walk.at(0.0, 4.95, 4).state is S.TURN
     found = Walk(with_rod=rod(), u95=1.0)
-    assert found.at(0.0, 4.9, 4).state is S.DONE
+    assert found.at(0.0, 4.95, 4).state is S.DONE
 
 
 def test_a_front_wheel_waits_for_the_rear_axle() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from station.configuration.limits import Limits
 from station.guidance.drift import Drift
-from station.guidance.plan import AdjusterPlan, GuidanceSettings, WheelReading, WheelPlan
+from station.guidance.plan import AdjusterPlan, GuidanceSettings, WheelPlan, WheelReading
 from station.guidance.wheel import Advice, WheelGuide
 from station.guidance.words import AdjusterKind, GuidanceState
 
