@@ -7,7 +7,7 @@ it is part of, is made of results that are fresh.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from alignment.units import in_degrees
@@ -141,6 +141,19 @@ class Guiding:
                     key = axle_of(wheel), done.adjuster
                     found[key] = found[key].after(done.locked - done.taken)
         return found
+
+    def account(self) -> Iterator[str]:
+        """Say of each wheel that was turned how it was found, what was turned, and where its nuts locked."""
+        for wheel, guide in self.vehicle.wheels.items():
+            if guide.found is None or not guide.count:
+                continue
+            camber, toe = math.degrees(guide.found.camber), math.degrees(guide.found.toe)
+            text = f"{wheel}: found at camber {camber:+.4f}°, toe {toe:+.4f}°"
+            for done in guide.corrections:
+                text += f"; {done.adjuster} {done.turns:+.2f} turns"
+                for word, angle in (("taken at", done.taken), ("locked at", done.locked)):
+                    text += "" if angle is None else f", {word} {math.degrees(angle):+.4f}°"
+            yield f"{text}; {guide.state}"
 
     def _expected(self, wheel: str) -> dict[str, tuple[str, ...]]:
         """Angles that this wheel is part of, each with the wheels that it needs."""

@@ -20,8 +20,10 @@ class LearnedDrifts:
         drifts = self._of_type.setdefault(cycle.kind.number, stated_drifts(cycle.kind))
         return Guiding(cycle.kind, cycle.trigger.wheels, drifts)
 
-    def learn(self, cycle: CycleUnderWay, guiding: Guiding | None) -> None:
-        """Take over what an adjusting told, however it ended."""
-        if guiding is not None and cycle.kind is not None:
-            number = cycle.kind.number
-            self._of_type[number] = guiding.learned(self._of_type[number])
+    def learn(self, cycle: CycleUnderWay, guiding: Guiding | None) -> tuple[str, ...]:
+        """Take over what an adjusting told, however it ended; return what to record of each wheel."""
+        if guiding is None or cycle.kind is None:
+            return ()
+        number = cycle.kind.number
+        self._of_type[number] = guiding.learned(self._of_type[number])
+        return tuple(guiding.account())

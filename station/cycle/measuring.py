@@ -339,7 +339,8 @@ class MeasuringCycle:
                 stopping = self._stopping.is_set()
                 if not cycle.heed(command) and (stopping or self._clock() >= deadline):
                     cycle.heed(Abort(cycle.sequence, ErrorCode.ADJUST_TIMEOUT))
-        self._drifts.learn(cycle, guiding)
+        for text in self._drifts.learn(cycle, guiding):
+            self._note(Severity.INFO, "adjusted", text, cycle)
         if self._stopping.is_set():
             text = f"adjusting of start {cycle.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text, cycle)

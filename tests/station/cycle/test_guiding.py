@@ -41,6 +41,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 def adjust(bench: Bench, results: int, kind: int = GUIDED.number) -> None:
     def stop_after() -> None:
+        bench.line.clock.now += 0.1
         wheels = [angles.wheel for angles, _ in bench.line.live]
         if min(wheels.count(wheel) for wheel in WHEELS) >= results and not bench.line.queue:
             bench.line.queue.append(Stop(1))
@@ -72,6 +73,32 @@ def test_guidance_that_fails_leaves_live_angles_and_the_verdict(
     adjust(bench, 2)
     assert {guidance.state for guidance, _ in bench.line.guided} == {S.NONE}
     assert set(bench.line.outcomes.values()) == {Outcome.OK}
+
+
+def test_what_was_turned_is_recorded_with_the_cycle(bench: Bench) -> None:
+    bench.found["front_left"] = measurement(toe=0.02)
+    adjust(bench, 12)
+    told = [guidance for guidance, _ in bench.line.guided if guidance.wheel == "front_left"]
+    assert told[-1].state is S.TURN
+    [event] = [event for event in bench.store.events if event.code == "adjusted"]
+    assert event.cycle_uuid == bench.store.cycles[-1].uuid
+    assert event.text == ("front_left: found at camber +0.0573°, toe +1.1459°; tie_rod +0.00 turns; turn")
+
+
+def test_the_account_says_how_a_wheel_was_found_and_where_its_nut_locked() -> None:
+    wheels = Wheels("front_left")
+    time_s = 0.0
+    for toe, results in ((0.02, 5), (0.0, 6), (0.0015, 9)):
+        for _ in range(results):
+            time_s += 0.25
+            state = wheels.tell("front_left", time_s, toe=toe)
+    assert state is S.DONE
+    assert list(wheels.guiding.account()) == [
+        "front_left: found at camber +0.0000°, toe +1.1459°; tie_rod -1.64 turns, taken at +0.0000°, "
+        "locked at +0.0859°; done"
+    ]
+    learned = wheels.guiding.learned(stated_drifts(GUIDED))["front", AdjusterKind.TIE_ROD]
+    assert learned.mean == pytest.approx(0.0015 / 1.25)
 
 
 def test_the_answer_is_the_measurements_whatever_was_guided(bench: Bench) -> None:
