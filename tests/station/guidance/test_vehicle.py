@@ -103,3 +103,21 @@ def test_the_thrust_angle_is_a_matter_of_toe_and_the_difference_one_of_camber() 
 def test_a_wheel_without_a_plan_is_not_guided() -> None:
     stand = Stand("front_left")
     assert stand.guide.take(WheelReading("rear_left", 1.0, 0.0, 0.0)).state is S.NONE
+
+
+def test_a_wheel_that_is_lost_stays_where_it_was_last_seen() -> None:
+    stand = Stand("front_left", "front_right")
+    stand.toes |= {"front_left": 3.0, "front_right": 5.0}
+    for wheel in stand.toes:
+        stand.verdicts[wheel] = {"front.total_toe": False}
+    stand.run(3)
+    assert stand.guide.take(WheelReading("front_right", stand.time_s)).state is S.LOST
+    del stand.toes["front_right"]
+    assert stand.run()["front_left"].state is S.WAITING
+
+
+def test_half_a_result_is_none() -> None:
+    stand = Stand("front_left")
+    stand.run(3)
+    assert stand.guide.take(WheelReading("front_left", stand.time_s, None, 0.0)).state is S.LOST
+    assert stand.guide.take(WheelReading("front_left", stand.time_s, 0.0, None)).state is S.LOST

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from station.guidance.drift import Drift
-from station.guidance.plan import GuidanceSettings
+from station.guidance.plan import GuidanceSettings, WheelReading
 from station.guidance.states import GUIDANCE_STATES
 from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach, TurnDirection
 from tests.station.guidance.walk import ARCMIN, BOLT, ROD, Walk, bolt, rod
@@ -330,3 +330,42 @@ def test_a_wheel_that_never_rests_is_never_done() -> None:
 def test_settings_are_the_callers() -> None:
     walk = Walk(with_rod=rod(), settings=replace(GuidanceSettings(), readings=2, rest_s=0.2))
     assert walk.at(0.0, 1.0, 2).state is S.DONE
+
+
+def test_no_more_corrections_are_kept_than_anybody_reads() -> None:
+    walk = Walk(with_rod=rod(), drift=Drift(0.0, 9.0 * ARCMIN, used=False))
+    walk.at(0.0, 20.0, 4)
+    for number in range(40):
+        turned_to(walk, 0.0)
+        walk.at(0.0, 8.0 if number % 2 else -8.0, 9)
+    assert walk.guide.count == 41
+    # The last one is told beside those that are kept.
+    assert len(walk.guide.corrections) == 33
+
+
+def test_who_locks_a_little_beside_the_aim_is_not_asked_again() -> None:
+    walk = Walk(with_rod=rod())
+    walk.at(0.0, 20.0, 4)
+    assert walk.at(0.0, 0.3).state is S.HOLD
+    assert walk.at(0.0, 0.5, 4).state is S.LOCK_NUT
+
+
+def test_a_verdict_that_is_not_known_is_none() -> None:
+    """Own angles without a verdict count for nothing, however often they are seen."""
+    walk = Walk(with_rod=rod())
+    for _ in range(10):
+        walk.time_s += 0.25
+        advice = walk.guide.take(WheelReading("front_left", walk.time_s, 0.0, 0.0, verdicts={}))
+        assert advice.state is S.CHECK
+
+
+def test_turns_add_up_however_often_locking_undoes_them() -> None:
+    """Each locking takes 8′ back, and the rod is lengthened on and on: it ends."""
+    walk = Walk(with_rod=rod(), drift=Drift(0.0, 9.0 * ARCMIN, used=False))
+    walk.at(0.0, 20.0, 4)
+    for _ in range(24):
+        turned_to(walk, 0.0)
+        walk.at(0.0, 8.0, 9)
+    turned_to(walk, 0.0)
+    advice = walk.at(0.0, 8.0, 9)
+    assert (advice.state, advice.reason) == (S.UNREACHABLE, OutOfReach.RANGE)
