@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from station.configuration.limits import Limits
 from station.guidance.drift import Drift
 from station.guidance.plan import WheelPlan, WheelReading
 from station.guidance.vehicle import VehicleGuide
 from station.guidance.wheel import Advice
-from station.guidance.words import GuidanceState
+from station.guidance.words import AdjusterKind, GuidanceState
 from tests.station.guidance.walk import ARCMIN, BOLT, ROD, SIX, bolt, rod
 
 S = GuidanceState
@@ -121,3 +122,24 @@ def test_half_a_result_is_none() -> None:
     stand.run(3)
     assert stand.guide.take(WheelReading("front_left", stand.time_s, None, 0.0)).state is S.LOST
     assert stand.guide.take(WheelReading("front_left", stand.time_s, 0.0, None)).state is S.LOST
+
+
+@pytest.mark.parametrize(("angle", "kind"), [("camber_difference", BOLT), ("total_toe", ROD)])
+def test_an_axle_asks_the_wheel_that_is_farther_from_its_own_target(angle: str, kind: AdjusterKind) -> None:
+    """The target of camber is not that of toe: 0′ lies 2′ from it, 3.5′ only 1.5′."""
+    skewed = Limits(-4.0 * ARCMIN, 8.0 * ARCMIN)
+    camber, toe = (skewed, SIX) if kind is BOLT else (SIX, skewed)
+    drift = Drift(0.0, 9.0 * ARCMIN)
+    plans = [WheelPlan(wheel, camber, toe, rod(), bolt()) for wheel in ("front_left", "front_right")]
+    guide = VehicleGuide(plans, {("front", ROD): drift, ("front", BOLT): drift})
+    values = {"front_left": 0.0, "front_right": 3.5}
+    for step in range(6):
+        told = {}
+        for wheel, value in values.items():
+            verdicts = {f"{wheel}.camber": True, f"{wheel}.toe": True, f"front.{angle}": False}
+            angles = (value * ARCMIN, 0.0) if kind is BOLT else (0.0, value * ARCMIN)
+            told[wheel] = guide.take(WheelReading(wheel, 0.25 * step, *angles, verdicts=verdicts))
+    assert (told["front_left"].state, told["front_left"].adjuster) == (S.TURN, kind)
+    assert told["front_left"].turns is not None
+    assert told["front_left"].turns > 0.0
+    assert told["front_right"].state is S.WAITING
