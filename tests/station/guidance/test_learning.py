@@ -188,7 +188,7 @@ def test_directions_are_as_a_person_says_them(
 
 
 def test_a_bent_axle_is_not_taken_for_the_other_adjuster() -> None:
-    """Camber went out 1.3 times as far as toe; a bolt whose toe is half its camber came near enough to that."""
+    """Camber went out 1.3 times as far as toe; a bolt whose toe is half its camber came near to that."""
     known = aims(across=14.0, with_bolt=bolt(across=15.0))
     known.moved(ROD, at(0, -140), at(130, -40), 3.0, 0.0)
     assert known.known[ROD].odd

@@ -124,22 +124,56 @@ def test_half_a_result_is_none() -> None:
     assert stand.guide.take(WheelReading("front_left", stand.time_s, 0.0, None)).state is S.LOST
 
 
+@pytest.mark.parametrize(
+    ("left", "right", "farther"),
+    [(0.0, 3.5, "front_left"), (1.0, 4.5, "front_right"), (1.0, 0.5, "front_right")],
+)
 @pytest.mark.parametrize(("angle", "kind"), [("camber_difference", BOLT), ("total_toe", ROD)])
-def test_an_axle_asks_the_wheel_that_is_farther_from_its_own_target(angle: str, kind: AdjusterKind) -> None:
-    """The target of camber is not that of toe: 0′ lies 2′ from it, 3.5′ only 1.5′."""
+def test_an_axle_asks_the_wheel_that_is_farther_from_its_own_target(
+    left: float, right: float, farther: str, angle: str, kind: AdjusterKind
+) -> None:
+    """The target of camber is not that of toe: of one it is 0′, of the other 2′."""
     skewed = Limits(-4.0 * ARCMIN, 8.0 * ARCMIN)
     camber, toe = (skewed, SIX) if kind is BOLT else (SIX, skewed)
     drift = Drift(0.0, 9.0 * ARCMIN)
     plans = [WheelPlan(wheel, camber, toe, rod(), bolt()) for wheel in ("front_left", "front_right")]
     guide = VehicleGuide(plans, {("front", ROD): drift, ("front", BOLT): drift})
-    values = {"front_left": 0.0, "front_right": 3.5}
+    values = {"front_left": left, "front_right": right}
     for step in range(6):
         told = {}
         for wheel, value in values.items():
             verdicts = {f"{wheel}.camber": True, f"{wheel}.toe": True, f"front.{angle}": False}
             angles = (value * ARCMIN, 0.0) if kind is BOLT else (0.0, value * ARCMIN)
             told[wheel] = guide.take(WheelReading(wheel, 0.25 * step, *angles, verdicts=verdicts))
-    assert (told["front_left"].state, told["front_left"].adjuster) == (S.TURN, kind)
-    assert told["front_left"].turns is not None
-    assert told["front_left"].turns > 0.0
-    assert told["front_right"].state is S.WAITING
+    other = "front_right" if farther == "front_left" else "front_left"
+    assert (told[farther].state, told[farther].adjuster) == (S.TURN, kind)
+    turns = told[farther].turns
+    assert turns is not None
+    assert turns * (2.0 - values[farther]) > 0.0
+    assert told[other].state is S.WAITING
+
+
+def test_wheels_of_another_axle_are_not_asked_nor_compared() -> None:
+    stand = Stand(*WHEELS)
+    stand.toes |= {"front_left": 3.0, "front_right": 5.0, "rear_left": 5.9, "rear_right": 5.9}
+    for wheel in ("front_left", "front_right"):
+        stand.verdicts[wheel] = {"front.total_toe": False}
+    told = stand.run(6)
+    assert told["front_right"].state is S.TURN
+    assert told["rear_left"].state is S.DONE
+
+
+def test_two_wheels_that_are_equally_far_are_both_turned() -> None:
+    stand = Stand("front_left", "front_right")
+    stand.toes |= {"front_left": 5.0, "front_right": 5.0}
+    for wheel in stand.toes:
+        stand.verdicts[wheel] = {"front.total_toe": False}
+    assert {advice.state for advice in stand.run().values()} == {S.TURN}
+
+
+def test_a_wheel_that_was_never_seen_is_nowhere() -> None:
+    stand = Stand("front_left", "front_right")
+    del stand.toes["front_right"]
+    stand.toes["front_left"] = 5.0
+    stand.verdicts["front_left"] = {"front.total_toe": False}
+    assert stand.run()["front_left"].state is S.TURN
