@@ -21,7 +21,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+GUIDANCE = tuple(f"tests/station/guidance/test_{name}.py" for name in ("learning", "wheel", "vehicle"))
 TESTS = {
+    "station.guidance.words": GUIDANCE[:1],
+    "station.guidance.drift": GUIDANCE[:2],
+    "station.guidance.stillness": GUIDANCE[:2],
+    "station.guidance.reaction": GUIDANCE[:2],
+    "station.guidance.aims": GUIDANCE,
+    "station.guidance.wheel": GUIDANCE[1:],
+    "station.guidance.vehicle": GUIDANCE[2:],
     "station.cycle.verdict": ("tests/station/cycle/test_verdict.py",),
     "station.cycle.straight_ahead": ("tests/station/cycle/test_straight_ahead.py",),
     "station.cycle.ride_height": ("tests/station/cycle/test_ride_height.py",),
@@ -35,6 +43,7 @@ PRELOADED = (
     "pytest",
     "alignment.errors",
     "db.records.results",
+    "station.configuration.vehicle_types",
     "scipy.interpolate",
     "station.line.wire.messages",
     "station.line.wire.bus",
@@ -46,6 +55,12 @@ TIMEOUT_S = 120
 EQUIVALENT: dict[tuple[str, str], str] = {
     ("station.cycle.straight_ahead", 'Gt -> GtE: side = "left" if wheel_deg > 0.0 else "right"'): (
         "it stands farther from straight than a limit that is above nothing"
+    ),
+    ("station.guidance.words", "Gt -> GtE: return cls.OUT if turns > 0.0 else cls.IN"): (
+        "no turn at all has no direction, and is answered before"
+    ),
+    ("station.guidance.words", "Gt -> GtE: return cls.LENGTHEN if turns > 0.0 else cls.SHORTEN"): (
+        "no turn at all has no direction, and is answered before"
     ),
     ("station.line.handshake", "False -> True: self._final = False"): (
         "before the first command the reply is to none, and no command is equal to it"
@@ -226,8 +241,11 @@ def main(modules: list[str]) -> int:
         assert spec is not None
         assert spec.origin is not None
         file = Path(spec.origin)
+        before = set(sys.modules)
         enumerations = enumerations_of(module)
-        for name in [name for name in sys.modules if name == module]:
+        # With it go those of its room that were loaded with it: they hold what it was.
+        room = module.rpartition(".")[0] + "."
+        for name in [n for n in sys.modules if n == module or (n.startswith(room) and n not in before)]:
             del sys.modules[name]
         source = file.read_text(encoding="utf-8")
         if not survives(module, ast.parse(source), file, TESTS[module]):

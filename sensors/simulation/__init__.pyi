@@ -1,3 +1,9 @@
+from .adjusters import BY_HAND as BY_HAND
+from .adjusters import NUTRUNNER as NUTRUNNER
+from .adjusters import AdjustedWheel as AdjustedWheel
+from .adjusters import Fitter as Fitter
+from .adjusters import FitterAtWork as FitterAtWork
+from .adjusters import SimulatedAdjuster as SimulatedAdjuster
 from .deformation import Wobble as Wobble
 from .driver import SimulatedOptions as SimulatedOptions
 from .gauge import GaugeStand as GaugeStand
@@ -43,6 +49,7 @@ from .tyre import MADE_SHAPES as MADE_SHAPES
 from .tyre import SHAPES as SHAPES
 from .tyre import Material as Material
 from .vehicle import ROAD_Z_MM as ROAD_Z_MM
+from .vehicle import Adjuster as Adjuster
 from .vehicle import Corner as Corner
 from .vehicle import SimulatedStand as SimulatedStand
 from .vehicle import Vehicle as Vehicle

@@ -1,3 +1,7 @@
+from .adjusters import AdjusterOptions as AdjusterOptions
+from .adjusters import AxleAdjusters as AxleAdjusters
+from .adjusters import CamberBoltOptions as CamberBoltOptions
+from .adjusters import TieRodOptions as TieRodOptions
 from .archive import ArchiveSettings as ArchiveSettings
 from .archive import KeptFor as KeptFor
 from .environment import damaged_package as damaged_package

@@ -13,6 +13,7 @@ from alignment.errors import ConfigurationError, DegenerateInputError, FormatErr
 from alignment.vehicle import TyreWidths
 from alignment.wheel import FEWEST_EXPOSURES, MOST_EXPOSURES, most_turn
 from sensors.formats import StrictModel, entries
+from station.configuration.adjusters import AxleAdjusters
 from station.configuration.lengths import LengthTolerances
 from station.configuration.ride_heights import RideHeightOptions
 from station.configuration.steering import SteeringAxisTolerances, SteeringOptions
@@ -151,11 +152,23 @@ class VehicleType(StrictModel):
     sweep: SweepPlan | None = Field(
         default=None, description="How the steering is swept; without it there is no mode sweep"
     )
+    adjusting: dict[AxleName, AxleAdjusters] = Field(
+        default={},
+        max_length=8,
+        description="What can be turned, per axle; without the table nobody is guided in mode adjust",
+    )
 
     @model_validator(mode="after")
     def _angles_are_believable(self) -> VehicleType:
         check_width("thrust_angle", self.thrust_angle, WIDEST_DEG["thrust_angle"])
         check_width("yaw", self.yaw, WIDEST_DEG["yaw"])
+        for axle in self.adjusting:
+            if axle not in self.axles:
+                raise DegenerateInputError(
+                    field=f"adjusting.{axle}",
+                    expected=f"an axle with limits: {', '.join(self.axles)}",
+                    seen=f"'{axle}'",
+                )
         judged = [*self.lengths.stated, *([] if self.yaw is None else ["yaw"])]
         if self.steering is not None and self.steering.offset is not None:
             judged.append("steering.offset")

@@ -13,9 +13,13 @@ from .geometry_words import QuantityAnswer as QuantityAnswer
 from .geometry_words import QuantityState as QuantityState
 from .guidance_words import Guidance as Guidance
 from .guidance_words import GuidanceLine as GuidanceLine
+from .guiding import Drifts as Drifts
+from .guiding import Guiding as Guiding
+from .guiding import stated_drifts as stated_drifts
 from .image_memory import ImageMemory as ImageMemory
 from .judging import JudgedWheel as JudgedWheel
 from .judging import axle_of as axle_of
+from .judging import evaluate as evaluate
 from .judging import missed_limits as missed_limits
 from .measuring import MeasuringCycle as MeasuringCycle
 from .ports import Bounds as Bounds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -13,7 +14,9 @@ from alignment.errors import TruewheelError
 from alignment.wheel import LiveSpin
 from station.cycle.failure import fault
 from station.cycle.frame import CommonFrame
-from station.cycle.judging import evaluate
+from station.cycle.guidance_words import Guidance, GuidanceLine
+from station.cycle.guiding import Guiding
+from station.cycle.judging import Evaluation, evaluate
 from station.cycle.positions import WheelPosition, WheelResult
 from station.cycle.under_way import CycleUnderWay
 from station.cycle.vehicle_words import ToldOfVehicle
@@ -21,14 +24,16 @@ from station.cycle.verdict import Status, combined
 from station.cycle.wheel_runs import run_wheels
 from station.cycle.wheel_threads import WheelThreads
 from station.cycle.words import AxisKind, Command, ErrorCode, LiveAngles, LiveState, Stop
+from station.guidance import GuidanceState
 
+_LOG = logging.getLogger("truewheel.station")
 _REST_S = 0.2
 """Before a wheel whose cameras failed is tried again: its driver may fail at once, for minutes."""
 _NO_RUN_OUT = "the series before the adjusting told no run-out of this wheel"
 _STATES = {Status.OK: LiveState.INSIDE, Status.NOK: LiveState.OUTSIDE}
 
 
-class LiveLine(Protocol):
+class LiveLine(GuidanceLine, Protocol):
     """What is needed of the line."""
 
     def next_command(self, timeout_s: float) -> Command | None:
@@ -127,6 +132,8 @@ class Adjusting:
         seen: the others as they were last tell where its centreline is.
     before
         The run-out of each wheel, where the spin axis is shown.
+    guiding
+        Says what to turn; None where the vehicle type names no adjuster.
 
     Attributes
     ----------
@@ -148,11 +155,13 @@ class Adjusting:
         last_s: float,
         frame: CommonFrame | None,
         before: RunOutBefore,
+        guiding: Guiding | None = None,
     ) -> None:
         self._threads = threads
         self._frame = frame
         self._seen: dict[str, WheelResult] = {}
         self._before = before
+        self._guiding = guiding
         assert cycle.kind is not None
         self._zeros, self._kind = cycle.zeros, cycle.kind
         self._coverage_factor = coverage_factor
@@ -187,7 +196,12 @@ class Adjusting:
             result, started_s = self._result(future, position)
             self._remember(result)
             self._shots[position.name] = (self._shots[position.name] + 1) % 256
-            self._line.publish_live(self._live(result), started_s)
+            evaluation = self._judge(result)
+            self._line.publish_live(self._live(result, evaluation), started_s)
+            if self._guiding is not None:
+                self._line.publish_guidance(
+                    self._guide(self._guiding, result, evaluation, started_s), started_s
+                )
             self._running[self._begin(position)] = position
 
     def _remember(self, result: WheelResult) -> None:
@@ -232,14 +246,26 @@ class Adjusting:
         except TruewheelError as error:
             return position.failed(fault(ErrorCode.CAMERA_FAULT, str(error))), started_s
 
-    def _live(self, result: WheelResult) -> LiveAngles:
-        shot = self._shots[result.wheel]
-        found = result.measurement
-        if found is not None:
+    def _judge(self, result: WheelResult) -> Evaluation:
+        if result.measurement is not None:
             self._seen[result.wheel] = result.without_images()
         # Lengths and other wheels say nothing of whether this one is good.
         results = [*(self._seen | {result.wheel: result}).values()]
-        evaluation = evaluate(self._kind, results, self._coverage_factor, self._frame, [self._line.told()])
+        return evaluate(self._kind, results, self._coverage_factor, self._frame, [self._line.told()])
+
+    def _guide(
+        self, guiding: Guiding, result: WheelResult, evaluation: Evaluation, started_s: float
+    ) -> Guidance:
+        shot = self._shots[result.wheel]
+        try:
+            return guiding.take(evaluation, result.wheel, started_s, shot)
+        except Exception:  # noqa: BLE001
+            # Live angles go on without guidance, which says no more than that.
+            _LOG.exception("guidance of %s failed", result.wheel)
+            return Guidance(result.wheel, GuidanceState.NONE, shot)
+
+    def _live(self, result: WheelResult, evaluation: Evaluation) -> LiveAngles:
+        shot, found = self._shots[result.wheel], result.measurement
         judged = next(wheel for wheel in evaluation.wheels if wheel.result is result)
         state = _STATES.get(combined(judged.angles))
         if judged.values is None or state is None:

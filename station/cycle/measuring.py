@@ -25,6 +25,7 @@ from station.cycle.failure import Failure, fault
 from station.cycle.frame import CommonFrame
 from station.cycle.held import Closing, Held
 from station.cycle.judging import Evaluation, lengths_missed
+from station.cycle.learned_drifts import LearnedDrifts
 from station.cycle.ledger import Ledger
 from station.cycle.master_check import master_checks, unfit_master
 from station.cycle.plate_images import CalibrationImages
@@ -124,6 +125,7 @@ class MeasuringCycle:
         self._images = (
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
+        self._drifts = LearnedDrifts()
         self._ledger = Ledger(store, identity, bounds.store_s, clock, now)
         self._watch = ThreadWatch([*threads, self._ledger.worker, *self._wheel_threads.workers])
         self._provoked = Coalesced[tuple[Severity, str]](lambda kind, text: self._note(*kind, text), clock)
@@ -324,9 +326,10 @@ class MeasuringCycle:
         if cycle.interrupted or before.stopped or not ready:
             self._arm(ready)
             return late
+        guiding = self._drifts.guiding(cycle)
         with Adjusting(
             self._wheel_threads, cycle, ready, self._coverage_factor, self._line, self._clock, last_s,
-            self._frame, before,
+            self._frame, before, guiding,
         ) as adjusting:  # fmt: skip
             while not cycle.interrupted:
                 adjusting.step(POLL_S)
@@ -336,6 +339,8 @@ class MeasuringCycle:
                 stopping = self._stopping.is_set()
                 if not cycle.heed(command) and (stopping or self._clock() >= deadline):
                     cycle.heed(Abort(cycle.sequence, ErrorCode.ADJUST_TIMEOUT))
+        for text in self._drifts.learn(cycle, guiding):
+            self._note(Severity.INFO, "adjusted", text, cycle)
         if self._stopping.is_set():
             text = f"adjusting of start {cycle.sequence} was ended: the station was told to stop"
             self._note(Severity.WARNING, "stopping", text, cycle)

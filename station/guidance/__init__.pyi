@@ -1,3 +1,14 @@
+from .drift import Drift as Drift
+from .plan import AdjusterPlan as AdjusterPlan
+from .plan import GuidanceSettings as GuidanceSettings
+from .plan import WheelPlan as WheelPlan
+from .plan import WheelReading as WheelReading
+from .states import GUIDANCE_STATES as GUIDANCE_STATES
+from .states import GuidanceRule as GuidanceRule
+from .vehicle import VehicleGuide as VehicleGuide
+from .wheel import Advice as Advice
+from .wheel import NutCorrection as NutCorrection
+from .wheel import WheelGuide as WheelGuide
 from .words import AdjusterKind as AdjusterKind
 from .words import GuidanceState as GuidanceState
 from .words import OutOfReach as OutOfReach

@@ -1,3 +1,6 @@
+from .adjusting import AdjustedVehicle as AdjustedVehicle
+from .adjusting import AngleErrors as AngleErrors
+from .adjusting import adjust_vehicle as adjust_vehicle
 from .benchmark import LEAST_SPEEDUP as LEAST_SPEEDUP
 from .benchmark import MOST_MEMORY_MB as MOST_MEMORY_MB
 from .benchmark import MOST_MS as MOST_MS

@@ -9,6 +9,7 @@ from alignment.errors import ConfigurationError
 from station.figures import Study
 
 STUDIES = {
+    "adjusting": "station.studies.adjusting",
     "correction": "station.studies.correction",
     "covariance": "station.studies.covariance",
     "coverage": "station.studies.coverage",
