@@ -8,6 +8,9 @@ from .axles import VehicleAngles as VehicleAngles
 from .axles import WheelAngles as WheelAngles
 from .axles import axle_angles as axle_angles
 from .axles import vehicle_angles as vehicle_angles
+from .front_wheels import SteeredPair as SteeredPair
+from .front_wheels import steered_pair as steered_pair
+from .front_wheels import straight_toe as straight_toe
 from .geometry import COMPONENTS as COMPONENTS
 from .geometry import LENGTHS as LENGTHS
 from .geometry import MEASURED as MEASURED
@@ -21,9 +24,6 @@ from .ride_height import HeightCorrection as HeightCorrection
 from .ride_height import RideHeightCurve as RideHeightCurve
 from .steering import classic_caster as classic_caster
 from .steering import steering_axis as steering_axis
-from .steering_pair import SteeredPair as SteeredPair
-from .steering_pair import steered_pair as steered_pair
-from .steering_pair import straight_toe as straight_toe
 from .steering_values import RunOut as RunOut
 from .steering_values import SteeredWheel as SteeredWheel
 from .steering_values import SteeringAxis as SteeringAxis

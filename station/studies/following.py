@@ -89,7 +89,7 @@ class View:
         return exposed(light, self.scene, rng)
 
 
-def turned(scene: WheelScene, toe_deg: float) -> WheelScene:
+def rod_turned(scene: WheelScene, toe_deg: float) -> WheelScene:
     """The wheel with its tie rod turned: toe, and a share of it of camber."""
     toe = math.radians(toe_deg)
     pose = replace(scene.pose, toe=scene.pose.toe + toe, camber=scene.pose.camber + COUPLING * toe)
@@ -106,7 +106,7 @@ def tie_rod(rig: StudyRig, views: int, seed: int, progress: Progress, load_mm: f
     out = []
     for k, toe_deg in enumerate([*(STEP_DEG * k for k in range(views)), JUMP_DEG]):
         progress(k / (views + 1), f"view {k + 1} of {views + 1}")
-        out.append(View.of(rig, turned(scene, toe_deg)))
+        out.append(View.of(rig, rod_turned(scene, toe_deg)))
     return out
 
 

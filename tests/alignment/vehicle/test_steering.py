@@ -15,8 +15,8 @@ from alignment.arrays import Array
 from alignment.errors import DegenerateInputError
 from alignment.units import ARCMIN
 from alignment.values import Refusal, RefusalCode, Side
+from alignment.vehicle.front_wheels import steered_pair, straight_toe
 from alignment.vehicle.steering import steering_axis
-from alignment.vehicle.steering_pair import steered_pair, straight_toe
 from alignment.vehicle.steering_values import (
     MOST_POSITIONS,
     RunOut,
