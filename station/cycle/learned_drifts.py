@@ -7,7 +7,7 @@ from station.cycle.under_way import CycleUnderWay
 
 
 class LearnedDrifts:
-    """What was learned since the program began, and of stored adjustings before; by vehicle type."""
+    """What was learned since the program began, by vehicle type."""
 
     def __init__(self) -> None:
         self._of_type: dict[int, Drifts] = {}

@@ -193,3 +193,17 @@ def test_a_bent_axle_is_not_taken_for_the_other_adjuster() -> None:
     known.moved(ROD, at(0, -140), at(130, -40), 3.0, 0.0)
     assert known.known[ROD].odd
     assert known.known[ROD].shift == pytest.approx(100 * ARCMIN)
+
+
+@pytest.mark.parametrize(("toe", "odd"), [(8.1, True), (7.9, False)])
+def test_a_small_movement_tells_nothing_of_how_the_angles_hang_together(toe: float, odd: bool) -> None:
+    known = aims()
+    known.moved(ROD, at(0, 40), at(0.4 * toe, 40 - toe), -1.0, 0.0)
+    assert known.known[ROD].odd is odd
+
+
+@pytest.mark.parametrize(("ratio", "odd"), [(0.29, False), (0.31, True), (-0.29, False), (-0.31, True)])
+def test_the_angles_hang_together_as_stated_within_the_stated_error(ratio: float, odd: bool) -> None:
+    known = aims()
+    known.moved(ROD, at(0, 40), at(20 * ratio, 60), 0.5, 100 * ARCMIN)
+    assert known.known[ROD].odd is odd

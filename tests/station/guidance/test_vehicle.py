@@ -9,7 +9,7 @@ from station.guidance.drift import Drift
 from station.guidance.plan import WheelPlan, WheelReading
 from station.guidance.vehicle import VehicleGuide
 from station.guidance.wheel import Advice
-from station.guidance.words import AdjusterKind, GuidanceState
+from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach
 from tests.station.guidance.walk import ARCMIN, BOLT, ROD, SIX, bolt, rod
 
 S = GuidanceState
@@ -103,7 +103,9 @@ def test_the_thrust_angle_is_a_matter_of_toe_and_the_difference_one_of_camber() 
 
 def test_a_wheel_without_a_plan_is_not_guided() -> None:
     stand = Stand("front_left")
-    assert stand.guide.take(WheelReading("rear_left", 1.0, 0.0, 0.0)).state is S.NONE
+    told = stand.guide.take(WheelReading("rear_left", 1.0, 0.0, 0.0))
+    assert (told.state, told.adjuster, told.reason) == (S.NONE, AdjusterKind.NONE, OutOfReach.NONE)
+    assert (told.turns, told.camber, told.toe, told.drift) == (None, None, None, None)
 
 
 def test_a_wheel_that_is_lost_stays_where_it_was_last_seen() -> None:

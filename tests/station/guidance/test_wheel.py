@@ -21,8 +21,13 @@ def approx(value: float, within: float = 1e-9) -> object:
 
 def turned_to(walk: Walk, toe: float, camber: float = 0.0) -> None:
     """Turn, hold, and be told to lock."""
-    assert walk.at(camber, toe).state is S.HOLD
-    assert walk.at(camber, toe, 4).state is S.LOCK_NUT
+    held = walk.at(camber, toe)
+    assert held.state is S.HOLD
+    assert held.turns is not None
+    told = walk.at(camber, toe, 4)
+    assert told.state is S.LOCK_NUT
+    assert told.turns is None
+    assert told.adjuster is not AdjusterKind.NONE
 
 
 def test_a_wheel_that_is_found_inside_is_done_and_never_touched() -> None:
