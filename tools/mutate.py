@@ -53,6 +53,12 @@ PRELOADED = (
 TIMEOUT_S = 120
 # By module and mutant: why no caller can tell it from the original.
 EQUIVALENT: dict[tuple[str, str], str] = {
+    ("station.guidance.wheel", "assignment dropped: self._resume = GuidanceState.CHECK"): (
+        "it is set whenever a wheel is lost, before it is read"
+    ),
+    ("station.guidance.wheel", "assignment dropped: self._told = 0.0"): (
+        "it is set whenever a correction begins, before it is read"
+    ),
     ("station.guidance.words", "Gt -> GtE: return cls.OUT if turns > 0.0 else cls.IN"): (
         "no turn at all has no direction, and is answered before"
     ),
