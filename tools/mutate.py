@@ -56,6 +56,9 @@ EQUIVALENT: dict[tuple[str, str], str] = {
     ("station.guidance.wheel", "assignment dropped: self._resume = GuidanceState.CHECK"): (
         "it is set whenever a wheel is lost, before it is read"
     ),
+    ("station.guidance.wheel", "assignment dropped: self._since_s = 0.0"): (
+        "it is set whenever a correction begins, before it is read"
+    ),
     ("station.guidance.wheel", "assignment dropped: self._told = 0.0"): (
         "it is set whenever a correction begins, before it is read"
     ),
