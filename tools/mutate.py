@@ -56,6 +56,15 @@ EQUIVALENT: dict[tuple[str, str], str] = {
     ("station.cycle.straight_ahead", 'Gt -> GtE: side = "left" if wheel_deg > 0.0 else "right"'): (
         "it stands farther from straight than a limit that is above nothing"
     ),
+    ("station.guidance.wheel", "assignment dropped: self._resume = GuidanceState.CHECK"): (
+        "it is set whenever a wheel is lost, before it is read"
+    ),
+    ("station.guidance.wheel", "assignment dropped: self._since_s = 0.0"): (
+        "it is set whenever a correction begins, before it is read"
+    ),
+    ("station.guidance.wheel", "assignment dropped: self._told = 0.0"): (
+        "it is set whenever a correction begins, before it is read"
+    ),
     ("station.guidance.words", "Gt -> GtE: return cls.OUT if turns > 0.0 else cls.IN"): (
         "no turn at all has no direction, and is answered before"
     ),

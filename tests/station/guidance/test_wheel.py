@@ -374,3 +374,11 @@ def test_turns_add_up_however_often_locking_undoes_them() -> None:
     turned_to(walk, 0.0)
     advice = walk.at(0.0, 8.0, 9)
     assert (advice.state, advice.reason) == (S.UNREACHABLE, OutOfReach.RANGE)
+
+
+@pytest.mark.parametrize(("camber", "adjuster"), [(0.0, BOLT), (8.0, ROD)])
+def test_camber_is_judged_by_where_the_tie_rod_will_leave_it(camber: float, adjuster: AdjusterKind) -> None:
+    """On its 40′ way back toe takes 8′ of camber along: what is inside now is not then."""
+    walk = Walk(with_rod=rod(across=8.0), with_bolt=bolt())
+    advice = walk.at(camber, 40.0, 4)
+    assert (advice.state, advice.adjuster) == (S.TURN, adjuster)
