@@ -406,10 +406,9 @@ class Handshake:
         return Request.STEP_TAKEN if 0 < position < self._next else Request.STEP_OTHER
 
     def _is_repeated(self, asked: Asked) -> bool:
-        if (asked.code, asked.sequence) != (self.reply.code, self.reply.sequence):
-            return False
-        # All steps of a sweep have one number.
-        return asked.code is not CommandCode.STEP or asked.position == self._answered
+        # All steps of a sweep have one number, and each has its position.
+        known = self.reply.code, self.reply.sequence, self._answered
+        return (asked.code, asked.sequence, asked.position) == known
 
     def _checked(self, rule: Rule, asked: Asked) -> Rule:
         if rule.refusal is not ErrorCode.NONE:

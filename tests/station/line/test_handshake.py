@@ -625,6 +625,17 @@ def test_a_position_that_comes_too_late_awaits_nothing(state: State) -> None:
         assert handshake.reply.refusal is ErrorCode.NOTHING_TO_STEP
 
 
+def test_a_step_that_was_refused_stays_refused_while_it_stands() -> None:
+    handshake = handshake_in(State.TURNING)
+    ahead = step_to(NEXT + 1)
+    assert handshake.asked(ahead) is None
+    handshake.want(NEXT + 1)
+    assert handshake.asked(ahead) is None
+    assert handshake.reply.refusal is ErrorCode.WRONG_SEQUENCE
+    handshake.asked(NONE)
+    assert handshake.asked(ahead) == Step(OWN, NEXT + 1, 90.0)
+
+
 def test_a_step_without_content_means_no_position_and_no_angle() -> None:
     asked = Asked(CommandCode.STEP, 1)
     assert (asked.position, asked.angle_deg) == (0, None)
