@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from alignment.arrays import Array
-from alignment.calibration.posed import posed_axis_sensitivity
+from alignment.calibration.posed_wheels import posed_axis_sensitivity
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure import measure_and_show
 from alignment.measure_load import LoadSeen, shared_load

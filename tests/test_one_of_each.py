@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -88,3 +89,15 @@ def test_no_module_names_an_array_type_of_its_own() -> None:
         if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("NDArray[")
     ]
     assert {place.partition(":")[0] for place in found} == {"alignment/arrays.py", "alignment/values.py"}
+
+
+def test_what_a_room_gives_is_no_module_of_it() -> None:
+    """A face gave the function `posed` until somebody imported the module of that name, and then the module."""
+    faces = [face for package in PACKAGES for face in sorted((ROOT / package).rglob("__init__.pyi"))]
+    assert faces
+    given = {face: set(re.findall(r" as (\w+)$", face.read_text(encoding="utf-8"), re.M)) for face in faces}
+    assert {
+        str(face.parent.relative_to(ROOT)): clash
+        for face, names in given.items()
+        if (clash := names & {path.stem for path in face.parent.iterdir()})
+    } == {}

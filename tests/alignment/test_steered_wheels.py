@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alignment.calibration.posed import posed_axis_sensitivity
+from alignment.calibration.posed_wheels import posed_axis_sensitivity
 from alignment.calibration.prediction import axis_sensitivity
 from alignment.geometry.transforms import RigidTransform
 from alignment.measure_steering import (

@@ -44,7 +44,8 @@ class NotedProjector:
 class Lamp:
     """What hangs on the cable, whichever driver object talks to it; a test changes it at any time.
 
-    `hangs` names calls that hang until `go_on` is set; each one that does so sets `hanging`.
+    `hangs` names calls that hang until `go_on` is set; each one that does so sets `hanging`. `open` counts
+    driver objects that are connected.
     """
 
     def __init__(self, rig="front_left"):
@@ -52,6 +53,17 @@ class Lamp:
         self.calls, self.hangs, self.raises, self.once = [], set(), {}, {}
         self.hanging, self.go_on = threading.Event(), threading.Event()
         self.made, self.open, self.share, self.answer = 0, 0, None, ProjectorState("lamp")
+        self._changed = threading.Condition()
+
+    def count(self, more):
+        with self._changed:
+            self.open += more
+            self._changed.notify_all()
+
+    def is_let_go(self):
+        """Whether no driver object is connected any more; one that hung is closed by its own thread."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self.open == 0, 10.0)
 
     def make(self):
         self.made += 1
@@ -79,7 +91,7 @@ class ScriptedProjector:
 
     def connect(self):
         self._do("connect")
-        self.lamp.open += not self._connected
+        self.lamp.count(not self._connected)
         self._connected = True
 
     def light(self, brightness):
@@ -96,7 +108,7 @@ class ScriptedProjector:
 
     def close(self):
         self._do("close")
-        self.lamp.open -= self._connected
+        self.lamp.count(-self._connected)
         self._connected = False
 
 

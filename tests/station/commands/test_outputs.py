@@ -40,6 +40,7 @@ FOLDERS: dict[str, list[tuple[str, ...]]] = {
     "calibration frame": [(GONE, "--calibration", GONE, "--out")],
     "simulate wheel": [("--camber", "0", "--toe", "0", "--seed", "1", "--config", GONE, "--out")],
     "simulate vehicle": [("--seed", "1", "--config", GONE, "--out")],
+    "simulate steering": [("--seed", "1", "--config", GONE, "--out")],
     "simulate plate-session": [("--seed", "1", "--config", GONE, "--out")],
     "simulate gauge-session": [("--seed", "1", "--config", GONE, "--out")],
     "gauge type1": [("--from-file", GONE, "--out")],

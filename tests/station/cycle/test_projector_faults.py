@@ -63,7 +63,7 @@ def station() -> Iterator[Station]:
         lamp.raises.clear()
         lamp.go_on.set()
         rig.close()
-        assert lamp.open == 0
+        assert lamp.is_let_go()
 
 
 @pytest.mark.parametrize("what", ["light", "dark"])
