@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from station.cycle.adjusting_record import adjusting_records
 from station.cycle.guiding import Drifts, Guiding, stated_drifts
 from station.cycle.under_way import CycleUnderWay
 
@@ -21,9 +22,13 @@ class LearnedDrifts:
         return Guiding(cycle.kind, cycle.trigger.wheels, drifts)
 
     def learn(self, cycle: CycleUnderWay, guiding: Guiding | None) -> tuple[str, ...]:
-        """Take over what an adjusting told, however it ended; return what to record of each wheel."""
+        """Take over what an adjusting told, however it ended; return what to say of each turned wheel.
+
+        The cycle's record has the same in numbers.
+        """
         if guiding is None or cycle.kind is None:
             return ()
         number = cycle.kind.number
         self._of_type[number] = guiding.learned(self._of_type[number])
+        cycle.adjusted = adjusting_records(guiding, cycle.trigger.received_s)
         return tuple(guiding.account())
