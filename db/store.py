@@ -25,6 +25,7 @@ from db.connection import (
     upgrade,
 )
 from db.records import (
+    AdjustingRecord,
     ArchivedShotRecord,
     ArchiveRemoval,
     CalibrationCheckRecord,
@@ -55,6 +56,7 @@ from db.rows import (
     changed,
     first_figures,
     key_of,
+    last_adjustings,
     load_records,
     newest_zeros,
     newest_zeros_of,
@@ -380,6 +382,14 @@ class ResultStore:
         query = newest_zeros() if installed is None else newest_zeros_of(installed)
         with self._transaction() as connection:
             return tuple(zero.record for zero in read_zeros(connection, query))
+
+    def recent_adjustings(self, station: str, vehicle_type: str, n: int) -> tuple[AdjustingRecord, ...]:
+        """The last adjusters whose nuts were locked on vehicles of a type, newest first.
+
+        At most `n`, of the last two thousand of all types.
+        """
+        with self._transaction() as connection:
+            return last_adjustings(connection, station, vehicle_type, n)
 
     def cycle_events(self, cycle: UUID, codes: Sequence[str]) -> tuple[EventRecord, ...]:
         """The newest event of each of these codes that is of this cycle; the cycle need not be stored."""

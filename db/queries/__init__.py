@@ -1,5 +1,6 @@
 """The read side of the result database: who may only read asks here; see `docs/database.md`."""
 
+from db.queries.adjustings import Adjusted, adjusted
 from db.queries.archived import (
     ArchivedCycle,
     archived_cycles,
@@ -38,6 +39,7 @@ from db.records import Quantity
 
 __all__ = [
     "EVERYTHING",
+    "Adjusted",
     "ArchivedCycle",
     "Characteristic",
     "CharacteristicMoments",
@@ -56,6 +58,7 @@ __all__ = [
     "VinHistory",
     "WheelCounts",
     "YieldCounts",
+    "adjusted",
     "archived_cycles",
     "calibrations_by_id",
     "camera_trends",

@@ -1,5 +1,6 @@
 """The values that go into a database and come out."""
 
+from db.records.adjusting import AdjusterWord, AdjustingRecord, AdjustingWord, OutOfReachWord
 from db.records.angle_verdicts import AngleVerdict, LimitSide, Verdict, judge_angle, missed_limit
 from db.records.calibrations import (
     CalibrationCheckRecord,
@@ -66,6 +67,9 @@ __all__ = [
     "OF_WHEEL",
     "QUANTITIES",
     "VEHICLE",
+    "AdjusterWord",
+    "AdjustingRecord",
+    "AdjustingWord",
     "AngleVerdict",
     "ArchiveRemoval",
     "ArchivedShotRecord",
@@ -84,6 +88,7 @@ __all__ = [
     "GeometryRecord",
     "InstallationRecord",
     "LimitSide",
+    "OutOfReachWord",
     "Quantity",
     "Reference",
     "RetentionClass",

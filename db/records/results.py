@@ -18,6 +18,7 @@ from uuid import UUID, uuid4
 
 from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
+from db.records.adjusting import AdjustingRecord
 from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
 from db.records.geometry import GeometryRecord
 from db.records.plain import check_values
@@ -271,6 +272,8 @@ class CycleRecord:
         Its steering wheel, and straight ahead; None where its type says nothing of its steering.
     steering_axes
         Of a sweep; kept sorted by name.
+    adjustings
+        What was turned before it was measured; kept sorted by wheel and adjuster.
 
     Raises
     ------
@@ -299,17 +302,21 @@ class CycleRecord:
     geometry: GeometryRecord | None = None
     steering: SteeringRecord | None = None
     steering_axes: tuple[SteeringAxisRecord, ...] = ()
+    adjustings: tuple[AdjustingRecord, ...] = ()
 
     def __post_init__(self) -> None:
         check_values(self)
         by_wheel = tuple(sorted(self.steering_axes, key=lambda axis: axis.wheel))
         object.__setattr__(self, "steering_axes", by_wheel)
+        turned = tuple(sorted(self.adjustings, key=lambda each: (each.wheel, each.adjuster)))
+        object.__setattr__(self, "adjustings", turned)
         object.__setattr__(self, "wheels", tuple(sorted(self.wheels, key=lambda wheel: wheel.wheel)))
         object.__setattr__(self, "axles", tuple(sorted(self.axles, key=lambda axle: axle.axle)))
         for name, names in (
             ("wheels", [wheel.wheel for wheel in self.wheels]),
             ("axles", [axle.axle for axle in self.axles]),
             ("steering_axes", [axis.wheel for axis in self.steering_axes]),
+            ("adjustings", [f"{each.wheel} {each.adjuster}" for each in self.adjustings]),
         ):
             if len(set(names)) != len(names):
                 raise InputError(

@@ -1,5 +1,6 @@
 """Records to rows and back, and the chain of hashes that links them; nobody outside db uses it."""
 
+from db.rows.adjusting import last_adjustings
 from db.rows.cameras import KEPT_HOURS, add_figures, add_serials, figure_of, first_figures, serials
 from db.rows.chain import (
     FILLED,
@@ -66,6 +67,7 @@ __all__ = [
     "flat_values",
     "insert_rows",
     "key_of",
+    "last_adjustings",
     "link_hash",
     "load_records",
     "newest_zeros",

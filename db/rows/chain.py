@@ -24,6 +24,7 @@ from sqlalchemy import Connection, bindparam, select, text
 
 from alignment.errors import StoreUnavailableError
 from db.records import (
+    AdjustingRecord,
     ArchivedShotRecord,
     AxleRecord,
     CycleRecord,
@@ -50,12 +51,18 @@ PARTS: dict[str, type] = {
     "geometry_results": GeometryRecord,
     "steering_results": SteeringRecord,
     "steering_axis_results": SteeringAxisRecord,
+    "adjusting_results": AdjustingRecord,
 }
-_PART_NAMES = {"wheel_results": "wheel", "axle_results": "axle", "steering_axis_results": "wheel"}
+_PART_NAMES = {
+    "wheel_results": ("wheel",),
+    "axle_results": ("axle",),
+    "steering_axis_results": ("wheel",),
+    "adjusting_results": ("wheel", "adjuster"),
+}
 # Names of vehicles are in a table of their own.
 _VEHICLE = ("vin", "vehicle_type")
 _CYCLE_PARTS = frozenset(
-    ("vehicle", "wheels", "axles", "vehicle_angles", "geometry", "steering", "steering_axes")
+    ("vehicle", "wheels", "axles", "vehicle_angles", "geometry", "steering", "steering_axes", "adjustings")
 )
 _EXACT = 2**53
 
@@ -81,8 +88,7 @@ def _content_names(kind: Any) -> tuple[str, ...]:
 
 def row_name(table: str, row: Mapping[str, Any]) -> str:
     """The name of one row among those of its record: ``wheel_results/front_left``."""
-    part = _PART_NAMES.get(table)
-    return table if part is None else f"{table}/{row[part]}"
+    return "/".join((table, *(str(row[part]) for part in _PART_NAMES.get(table, ()))))
 
 
 def digest(values: Mapping[str, Any]) -> str:
@@ -105,7 +111,7 @@ def parts_of(record: CycleRecord) -> tuple[Sequence[Any], ...]:
     """The records of a cycle that have rows of their own, in the order of `PARTS`."""
     parts = (record.vehicle_angles, record.geometry, record.steering)
     single = [() if part is None else (part,) for part in parts]
-    return record.wheels, record.axles, *single, record.steering_axes
+    return record.wheels, record.axles, *single, record.steering_axes, record.adjustings
 
 
 def record_rows(record: Any, stored_utc: datetime | None) -> str:

@@ -12,6 +12,7 @@ from sqlalchemy import Connection, RowMapping, Select, Table, Uuid, exists, func
 
 from alignment.errors import InputError
 from db.records import (
+    AdjustingRecord,
     ArchivedShotRecord,
     ArchiveRemoval,
     AxleRecord,
@@ -36,6 +37,7 @@ from db.records import (
     ZeroRevocation,
 )
 from db.schema import (
+    adjusting_results,
     archive_removals,
     archived_shots,
     axle_results,
@@ -77,6 +79,7 @@ _NESTED = frozenset(
         "geometry",
         "steering",
         "steering_axes",
+        "adjustings",
         "plant",
         "rigs",
         "study",
@@ -187,6 +190,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     geometry = _results(connection, geometry_results, GeometryRecord, ids)
     steering = _results(connection, steering_results, SteeringRecord, ids)
     axes = _results(connection, steering_axis_results, SteeringAxisRecord, ids)
+    turned = _results(connection, adjusting_results, AdjustingRecord, ids)
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -200,6 +204,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             geometry=next(iter(geometry[row["id"]]), None),
             steering=next(iter(steering[row["id"]]), None),
             steering_axes=tuple(axes[row["id"]]),
+            adjustings=tuple(turned[row["id"]]),
         )
         found.append(StoredCycle(record, row["stored_utc"]))
     return tuple(found)

@@ -6,6 +6,7 @@ with a verdict. Angles are radians, times UTC. Triggers refuse every UPDATE and 
 the tables of `CHANGING` are kept up to date instead.
 """
 
+from db.schema.adjusting import adjusting_results
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
 from db.schema.cameras import camera_history, camera_serials
 from db.schema.chain import chain_links
@@ -56,6 +57,7 @@ __all__ = [
     "CHANGING",
     "NAMING_CONVENTION",
     "UtcDateTime",
+    "adjusting_results",
     "archive_removals",
     "archived_shots",
     "arrivals",

@@ -75,7 +75,7 @@ def report(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Report on stored results: yield, Pareto, capability, charts, comparisons, drift, one vehicle, …"""
+    """Report on stored results: yield, Pareto, capability, charts, comparisons, drift, adjusting, …"""
     from datetime import UTC, datetime
 
     from db.queries import Characteristic, ResultReader, require_known

@@ -57,4 +57,8 @@ def as_told(record: CycleRecord, standing: Standing, why: str) -> CycleRecord:
         wheels=wheels,
         axles=(),
         vehicle_angles=None,
+        geometry=None,
+        steering=None,
+        steering_axes=(),
+        adjustings=(),
     )

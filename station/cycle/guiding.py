@@ -22,6 +22,7 @@ from station.guidance import (
     Advice,
     Drift,
     GuidanceSettings,
+    GuidanceState,
     VehicleGuide,
     WheelPlan,
     WheelReading,
@@ -30,6 +31,8 @@ from station.guidance import (
 FRESH_S = 3.0
 """Results of other wheels that are older say nothing of an axle."""
 _GOOD = (Status.OK, Status.UNJUDGED)
+_ENDED = (GuidanceState.DONE, GuidanceState.UNREACHABLE, GuidanceState.WAITING)
+"""Nobody works on such a wheel."""
 Drifts = Mapping[tuple[str, AdjusterKind], Drift]
 """What locking usually adds, by axle and adjuster."""
 
@@ -70,6 +73,12 @@ class Guiding:
         Of each adjuster of the vehicle type.
     settings
         When a wheel rests.
+
+    Attributes
+    ----------
+    times
+        Of each adjuster that was to be turned, by wheel and kind: when first, and when the wheel was done
+        with or last looked at, monotonic seconds.
     """
 
     def __init__(
@@ -91,6 +100,8 @@ class Guiding:
         ]
         self._wheels = tuple(wheels)
         self._seen: dict[str, _Seen] = {}
+        self._turned: dict[str, AdjusterKind] = {}
+        self.times: dict[tuple[str, AdjusterKind], tuple[float, float]] = {}
         self.vehicle = VehicleGuide(plans, drifts, settings)
 
     def take(self, evaluation: Evaluation | None, wheel: str, time_s: float, shot: int) -> Guidance:
@@ -110,7 +121,7 @@ class Guiding:
         judged = None if evaluation is None else _judged(evaluation, wheel)
         self._seen[wheel] = _Seen(time_s, judged is not None)
         if evaluation is None or judged is None:
-            return self._told(wheel, self.vehicle.take(WheelReading(wheel, time_s)), shot)
+            return self._advised(WheelReading(wheel, time_s), shot)
         assert judged.values is not None
         known = {angle.name: angle for angle in evaluation.angles}
         expected = self._expected(wheel)
@@ -130,7 +141,7 @@ class Guiding:
             verdicts,
             whole=expected.keys() == verdicts.keys(),
         )
-        return self._told(wheel, self.vehicle.take(reading), shot)
+        return self._advised(reading, shot)
 
     def learned(self, drifts: Drifts) -> Drifts:
         """Return what is known of locking after this adjusting."""
@@ -170,9 +181,11 @@ class Guiding:
         seen = [self._seen.get(wheel) for wheel in wheels]
         return all(each is not None and each.measured and time_s - each.time_s <= FRESH_S for each in seen)
 
-    def _told(self, wheel: str, advice: Advice, shot: int) -> Guidance:
+    def _advised(self, reading: WheelReading, shot: int) -> Guidance:
+        advice = self.vehicle.take(reading)
+        self._time(reading.wheel, reading.time_s, advice)
         return Guidance(
-            wheel,
+            reading.wheel,
             advice.state,
             shot,
             advice.adjuster,
@@ -182,6 +195,17 @@ class Guiding:
             in_degrees(advice.drift),
             advice.reason,
         )
+
+    def _time(self, wheel: str, time_s: float, advice: Advice) -> None:
+        """Remember how long an adjuster has been worked on, the check of what it did included."""
+        kind = self._turned.get(wheel)
+        if kind is not None:
+            self.times[wheel, kind] = self.times[wheel, kind][0], time_s
+        if advice.adjuster is not AdjusterKind.NONE:
+            self._turned[wheel] = advice.adjuster
+            self.times.setdefault((wheel, advice.adjuster), (time_s, time_s))
+        elif advice.state in _ENDED:
+            self._turned.pop(wheel, None)
 
 
 def _judged(evaluation: Evaluation, wheel: str) -> JudgedWheel | None:

@@ -11,6 +11,7 @@ from uuid import UUID
 
 from alignment.errors import InputError, StoreError
 from db.records import (
+    AdjustingRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleOutcome,
@@ -86,6 +87,11 @@ class Ledger:
     def zeros(self, installed: Sequence[tuple[str, str]]) -> tuple[ZeroRecord, ...]:
         """Return the zero measurements in force of these rigs and calibrations; raises `StoreError`."""
         return self._thread.call(self._store.zeros_in_force, installed)
+
+    def adjustings(self, vehicle_type: str, n: int) -> tuple[AdjustingRecord, ...]:
+        """Return the last `n` adjusters whose nuts were locked on vehicles of a type; raises `StoreError`."""
+        station = self._identity.station
+        return self._thread.call(self._store.recent_adjustings, station, vehicle_type, n)
 
     def commit(self, record: CycleRecord, checks: Iterable[CalibrationCheckRecord] = ()) -> float | None:
         """Store a cycle, and that the line is to be told it; the time, or None when that is not certain.

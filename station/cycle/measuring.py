@@ -125,8 +125,8 @@ class MeasuringCycle:
         self._images = (
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
-        self._drifts = LearnedDrifts()
         self._ledger = Ledger(store, identity, bounds.store_s, clock, now)
+        self._drifts = LearnedDrifts(self._ledger.adjustings)
         self._watch = ThreadWatch([*threads, self._ledger.worker, *self._wheel_threads.workers])
         self._provoked = Coalesced[tuple[Severity, str]](lambda kind, text: self._note(*kind, text), clock)
 

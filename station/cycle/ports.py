@@ -8,6 +8,7 @@ from typing import Protocol
 from uuid import UUID
 
 from db.records import (
+    AdjustingRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
@@ -119,6 +120,10 @@ class Store(Protocol):
 
     def zeros_in_force(self, installed: Sequence[tuple[str, str]] | None = None) -> tuple[ZeroRecord, ...]:
         """Return the zero measurement in force of each rig and calibration; of these when given."""
+        ...
+
+    def recent_adjustings(self, station: str, vehicle_type: str, n: int) -> tuple[AdjustingRecord, ...]:
+        """Return the last adjusters whose nuts were locked on vehicles of a type, newest first."""
         ...
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from alignment.errors import together
 from db.records import CycleOutcome, CycleRecord, Severity, VehicleRecord
+from station.cycle.adjusting_record import as_left
 from station.cycle.answers import axle_records, last_measured, vehicle_record, wheel_records
 from station.cycle.frame import CommonFrame, frame_for
 from station.cycle.geometry import geometry_record
@@ -100,6 +101,7 @@ def cycle_record(
         geometry=geometry_record(evaluation),
         steering=with_differences(steering_record(evaluation), axes, guard_band=guarded, coverage_factor=k),
         steering_axes=axis_records(axes, guard_band=guarded, coverage_factor=k),
+        adjustings=as_left(cycle.adjusted, evaluation),
     )
     return record, trouble
 

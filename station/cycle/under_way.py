@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from uuid import UUID, uuid4
 
-from db.records import ZeroRecord
+from db.records import AdjustingRecord, ZeroRecord
 from station.configuration import VehicleType
 from station.cycle.positions import ABORTED, WheelPosition, WheelResult
 from station.cycle.series import SeriesPlan
@@ -55,6 +55,8 @@ class CycleUnderWay:
         What came of each steered wheel at the positions of a sweep; empty where there was none.
     axes
         The steering axes that this makes; None where no sweep was asked for.
+    adjusted
+        What was turned before the wheels were measured, as found.
     interruption
         The abort or reset that ends it.
     trouble
@@ -79,6 +81,7 @@ class CycleUnderWay:
     plan: SeriesPlan | None = None
     swept: Swept = field(default_factory=dict)
     axes: SweepFound | None = None
+    adjusted: tuple[AdjustingRecord, ...] = ()
     interruption: Command | None = None
     trouble: Trouble = NO_TROUBLE
     measured_s: float | None = None

@@ -121,6 +121,11 @@ class WheelGuide:
         return self._state if self._seen else GuidanceState.NONE
 
     @property
+    def reason(self) -> OutOfReach:
+        """Why it cannot be adjusted; NONE unless it is unreachable."""
+        return self._reason if self.state is GuidanceState.UNREACHABLE else OutOfReach.NONE
+
+    @property
     def finished(self) -> bool:
         """Whether others need not wait for it: it is done, or nothing that is turned here can help."""
         return self.state in (GuidanceState.DONE, GuidanceState.UNREACHABLE) or self._idle

@@ -6,6 +6,7 @@ from typing import Any
 from uuid import UUID, uuid4
 
 from db.records import (
+    AdjustingRecord,
     ArchivedShotRecord,
     AxleRecord,
     CalibrationCheckRecord,
@@ -176,6 +177,16 @@ def steering_axis(name: str = "front_left", **changes: Any) -> SteeringAxisRecor
         "lock_left_u": 1e-4, "warning": "it moved a little",
     }  # fmt: skip
     return SteeringAxisRecord(**(values | changes))
+
+
+def adjusting(name: str = "front_left", **changes: Any) -> AdjustingRecord:
+    """A tie rod that was turned twice, inside after that; only the second nut was seen before and after."""
+    values: dict[str, Any] = {
+        "wheel": name, "adjuster": "tie_rod", "outcome": "done", "corrections": 2, "turns": -1.25,
+        "turns_made": 1.75, "found_camber": -0.004, "found_toe": 0.02, "left_camber": -0.0041,
+        "left_toe": 5e-4, "begun_s": 2.5, "ended_s": 31.0, "nuts_locked": 1, "drift": 1.5e-3,
+    }  # fmt: skip
+    return AdjustingRecord(**(values | changes))
 
 
 def corrected_wheel(name: str = "front_left", **changes: Any) -> WheelRecord:

@@ -24,6 +24,7 @@ from db.records import (
 from db.rows import flat_values
 from db.schema import (
     CHANGING,
+    adjusting_results,
     arrivals,
     axle_results,
     calibration_checks,
@@ -45,6 +46,7 @@ from tests.db.example_records import (
     ANGLES,
     CALIBRATION,
     NOON,
+    adjusting,
     axle,
     check,
     corrected_wheel,
@@ -82,7 +84,12 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_check(check())
             store.record_zero(zero())
             store.revoke_zero(revocation())
-            measured = cycle(geometry=geometry(), steering=steering(), steering_axes=(steering_axis(),))
+            measured = cycle(
+                geometry=geometry(),
+                steering=steering(),
+                steering_axes=(steering_axis(),),
+                adjustings=(adjusting(),),
+            )
             store.write_cycle(measured)
             store.describe_station(station(), (limits(),), (installation(),))
             planned, kept = study(), shot(measured.uuid)
@@ -265,6 +272,25 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (steering_axis_results, "possible_uncertainties", {"scrub_u": 0.0}),
     (steering_axis_results, "possible_quality", {"positions": -1}),
     (steering_axis_results, "coverage_factor_positive", {"coverage_factor": 0.0}),
+    (adjusting_results, "wheel_not_empty", {"wheel": ""}),
+    (adjusting_results, "adjuster", {"adjuster": "hammer"}),
+    (adjusting_results, "outcome", {"outcome": "good"}),
+    (adjusting_results, "reason", {"reason": "range"}),
+    (adjusting_results, "reason", {"outcome": "unreachable"}),
+    (adjusting_results, "reason", {"outcome": "unreachable", "reason": "tired"}),
+    (adjusting_results, "was_turned", {"corrections": 0, "nuts_locked": 0, "drift": None}),
+    (adjusting_results, "was_turned", {"nuts_locked": 3}),
+    (adjusting_results, "drift_of_locked_nuts", {"drift": None}),
+    (adjusting_results, "drift_of_locked_nuts", {"nuts_locked": 0}),
+    (adjusting_results, "left_is_complete", {"left_toe": None}),
+    (adjusting_results, "possible_angles", {"found_toe": 3.3}),
+    (adjusting_results, "possible_angles", {"left_camber": -3.3}),
+    (adjusting_results, "possible_angles", {"drift": float("inf")}),
+    (adjusting_results, "possible_turns", {"turns": -2e6}),
+    (adjusting_results, "possible_turns", {"turns_made": -0.5}),
+    (adjusting_results, "possible_times", {"begun_s": -0.1}),
+    (adjusting_results, "possible_times", {"ended_s": 2.0}),
+    (adjusting_results, "operator_not_empty", {"operator": ""}),
     (calibrations, "validity", {"valid_until_utc": NOON}),
     (calibration_checks, "has_figures", {"as_found": None}),
     (calibration_checks, "reason_not_empty", {"reason": ""}),
@@ -287,6 +313,7 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     geometry_results: flat_values(geometry()),
     steering_results: flat_values(steering()),
     steering_axis_results: flat_values(steering_axis()),
+    adjusting_results: flat_values(adjusting()),
     calibrations: flat_values(CALIBRATION) | {"id": "cal-3", "stored_utc": NOON},
     calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},

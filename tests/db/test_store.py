@@ -24,7 +24,7 @@ from db.records import (
     WheelOutcome,
 )
 from db.store import ResultStore
-from tests.db.example_records import CALIBRATION, NOON, WHEELS, axle, cycle, refused_wheel, wheel
+from tests.db.example_records import CALIBRATION, NOON, WHEELS, adjusting, axle, cycle, refused_wheel, wheel
 
 CYCLE = UUID(int=7)
 on_one_database = settings(
@@ -327,3 +327,24 @@ def test_a_store_that_is_not_open_says_so(sqlite_url: str) -> None:
     store.close()
     with store:
         assert store.counts()["cycles"] == 0
+
+
+def test_what_locking_added_lately_is_that_of_the_station_and_the_type_newest_first(
+    database_url: str, open_store: Callable[..., ResultStore], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = open_store(database_url)
+    store.record_calibration(CALIBRATION)
+    unlocked = adjusting("rear_right", nuts_locked=0, drift=None)
+    first, second = adjusting(drift=0.001), adjusting("front_right", drift=0.002)
+    van = VehicleRecord("TRUEWHEEL00000002", "van")
+    store.write_cycle(cycle(adjustings=(first, unlocked)))
+    store.write_cycle(cycle(vehicle=van, adjustings=(adjusting(drift=0.003),)))
+    store.write_cycle(cycle(station="EOL-2", adjustings=(adjusting(drift=0.004),)))
+    store.write_cycle(cycle())
+    store.write_cycle(cycle(adjustings=(second,)))
+    assert store.recent_adjustings("EOL-1", "compact", 9) == (second, first)
+    assert store.recent_adjustings("EOL-1", "compact", 1) == (second,)
+    assert store.recent_adjustings("EOL-1", "truck", 9) == ()
+    # However rare a type is, only so much is looked through.
+    monkeypatch.setattr("db.rows.adjusting.LOOKED_AT", 3)
+    assert store.recent_adjustings("EOL-1", "compact", 9) == (second,)

@@ -16,7 +16,14 @@ import numpy as np
 from alignment.errors import CameraError, StoreUnavailableError, TruewheelError
 from alignment.geometry.transforms import RigidTransform
 from alignment.values import MeasureSettings, Refusal, Side, WheelMeasurement, nominal_vehicle_from_rig
-from db.records import CalibrationCheckRecord, CycleRecord, EventRecord, StoredCycle, ZeroRecord
+from db.records import (
+    AdjustingRecord,
+    CalibrationCheckRecord,
+    CycleRecord,
+    EventRecord,
+    StoredCycle,
+    ZeroRecord,
+)
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.frame import CommonFrame
 from station.cycle.guidance_words import Guidance
@@ -239,6 +246,14 @@ class FakeStore:
         if self.zeros_error is not None:
             raise self.zeros_error
         return self.zeros
+
+    def recent_adjustings(self, station: str, vehicle_type: str, n: int) -> tuple[AdjustingRecord, ...]:
+        found = []
+        for record in self.cycles[::-1]:
+            name = None if record.vehicle is None else record.vehicle.vehicle_type
+            if (record.station, name) == (station, vehicle_type):
+                found += [turned for turned in record.adjustings if turned.nuts_locked]
+        return tuple(found[:n])
 
     @property
     def event_codes(self) -> list[str]:

@@ -16,6 +16,7 @@ class ReportKind(enum.StrEnum):
     CHART = "chart"
     COMPARE = "compare"
     DRIFT = "drift"
+    ADJUSTING = "adjusting"
     VIN = "vin"
     SINCE_CHECK = "since-check"
 
@@ -36,6 +37,7 @@ TITLES: Mapping[ReportKind, str] = {
     ReportKind.CHART: "Control charts",
     ReportKind.COMPARE: "Sides and stations compared",
     ReportKind.DRIFT: "Drift",
+    ReportKind.ADJUSTING: "Adjusting",
     ReportKind.VIN: "One vehicle",
     ReportKind.SINCE_CHECK: "Vehicles since the last good master check",
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 from alignment.errors import ConfigurationError
 from alignment.statistics import ChartKind, RuleSet
 from db.queries import Characteristic, Filter, ResultReader
+from station.quality.reports.adjusting import adjusting_sections
 from station.quality.reports.choices import TITLES, ReportKind, SplitBy
 from station.quality.reports.compare import compare_sections, drift_section
 from station.quality.reports.counts import pareto_section, yield_section
@@ -126,6 +127,8 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
             return by_unit(asked, lambda unit: compare_sections(reader, where, asked, unit))
         case ReportKind.DRIFT:
             return [drift_section(reader, where, asked)]
+        case ReportKind.ADJUSTING:
+            return adjusting_sections(reader, where)
         case ReportKind.SINCE_CHECK:
             return since_check_sections(reader, where)
         case ReportKind.VIN:
@@ -138,4 +141,6 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
                 for each in ReportKind
                 if each not in (ReportKind.ALL, ReportKind.VIN)
                 for section in _sections(reader, each, where, options)
+                # Most stations guide nobody.
+                if section.rows or each is not ReportKind.ADJUSTING
             ]

@@ -37,6 +37,7 @@ from tests.db.example_plant import plant
 from tests.db.example_records import (
     CALIBRATION,
     NOON,
+    adjusting,
     check,
     corrected_wheel,
     cycle,
@@ -126,7 +127,12 @@ def test_every_earlier_revision_keeps_its_results(empty_database_url: str, revis
         assert len(store.zeros()) == (revision >= "0003")
         assert store.counts()["gauge_values"] == (revision >= "0004")
         # It goes on where it was, and stores what it never knew.
-        steered = cycle(wheels=(corrected_wheel(),), steering=steering(), steering_axes=(steering_axis(),))
+        steered = cycle(
+            wheels=(corrected_wheel(),),
+            steering=steering(),
+            steering_axes=(steering_axis(),),
+            adjustings=(adjusting(), adjusting(adjuster="camber_bolt")),
+        )
         store.write_cycle(steered)
         found = store.cycle(steered.uuid)
         assert found is not None

@@ -26,6 +26,7 @@ from station.cli import app
 from tests.db.example_records import (
     CALIBRATION,
     NOON,
+    adjusting,
     check,
     cycle,
     installation,
@@ -43,7 +44,11 @@ from tests.db.example_records import (
 )
 from tests.once import folder_once
 
-_STEERED = {"steering": steering(), "steering_axes": (steering_axis(), steering_axis("front_right"))}
+_STEERED = {
+    "steering": steering(),
+    "steering_axes": (steering_axis(), steering_axis("front_right")),
+    "adjustings": (adjusting(), adjusting(adjuster="camber_bolt", left_camber=None, left_toe=None)),
+}
 CYCLES = [cycle(UUID(int=number), **(_STEERED if number == 2 else {})) for number in range(1, 5)]
 EVENT = EventRecord(
     NOON, "EOL-1", Severity.INFO, "station", "start", "begonnen: 100 % „gut“", 3.5, uuid=UUID(int=5)
@@ -153,6 +158,8 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
         ("steering_results", "steering_wheel = 0.0"),
         ("steering_results", "steer_u = steer_u * 2.0"),
         ("steering_axis_results", "caster = caster + 1e-12"),
+        ("adjusting_results", "left_toe = -left_toe"),
+        ("adjusting_results", "corrections = 1"),
         ("calibrations", 'document = \'{"schema": "calibration", "fx": 2500.5}\''),
         ("calibration_checks", "outcome = 'out'"),
         ("zero_measurements", "certified_toe = 2e-5"),

@@ -23,13 +23,17 @@ from db.upkeep.shipping import Shipper, StationTakenError
 from tests.db.example_records import (
     CALIBRATION,
     NOON,
+    adjusting,
     check,
     cycle,
+    geometry,
     installation,
     limits,
     revocation,
     shot,
     station,
+    steering,
+    steering_axis,
     study,
     study_value,
     zero,
@@ -89,7 +93,15 @@ def shipped_order(url: str) -> list[str]:
 def test_every_kind_of_record_arrives_equal(
     station_store: ResultStore, shipper: Shipper, central_url: str, open_store: Callable[..., ResultStore]
 ) -> None:
-    measured, planned = cycle(), study()
+    measured, planned = (
+        cycle(
+            geometry=geometry(),
+            steering=steering(),
+            steering_axes=(steering_axis(),),
+            adjustings=(adjusting(), adjusting("front_right"), adjusting(adjuster="camber_bolt")),
+        ),
+        study(),
+    )
     kept = shot(measured.uuid)
     station_store.describe_station(station(), (limits(),), (installation(),))
     station_store.record_check(check())

@@ -8,12 +8,14 @@ from collections.abc import Iterator
 import pytest
 
 from alignment.units import ARCMIN
+from db.records import CycleOutcome
 from station.configuration.vehicle_types import VehicleType
+from station.cycle.adjusting_record import adjusting_records, as_left
 from station.cycle.guiding import Guiding, stated_drifts
 from station.cycle.judging import evaluate
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.positions import WheelResult
-from station.cycle.words import Mode, Outcome, Stop
+from station.cycle.words import Abort, Mode, Outcome, Stop
 from station.guidance.words import AdjusterKind, GuidanceState, TurnDirection
 from tests.station.bench import KIND, WHEELS, Bench, measurement, open_bench
 
@@ -83,6 +85,96 @@ def test_what_was_turned_is_recorded_with_the_cycle(bench: Bench) -> None:
     [event] = [event for event in bench.store.events if event.code == "adjusted"]
     assert event.cycle_uuid == bench.store.cycles[-1].uuid
     assert event.text == ("front_left: found at camber +0.0573°, toe +1.1459°; tie_rod +0.00 turns; turn")
+
+
+def test_what_was_turned_is_stored_with_the_results_as_found_and_as_left(bench: Bench) -> None:
+    bench.found["front_left"] = measurement(toe=0.02)
+    adjust(bench, 12)
+    record = bench.store.cycles[-1]
+    [turned] = record.adjustings
+    assert (turned.wheel, turned.adjuster) == ("front_left", "tie_rod")
+    assert (turned.outcome, turned.reason, turned.corrections) == ("unfinished", None, 1)
+    assert turned.found_toe == pytest.approx(0.02)
+    [wheel] = [wheel for wheel in record.wheels if wheel.wheel == "front_left"]
+    assert (turned.left_camber, turned.left_toe) == (wheel.camber, wheel.toe)
+    assert (turned.nuts_locked, turned.drift, turned.operator) == (0, None, None)
+    assert record.received_monotonic_s is not None
+    shown = [at for told, at in bench.line.guided if told.wheel == "front_left"]
+    assert turned.ended_s == pytest.approx(shown[-1] - record.received_monotonic_s)
+    assert 0.0 < turned.begun_s < turned.ended_s
+
+
+def test_a_wheel_that_failed_in_the_end_was_left_nobody_knows_how(bench: Bench) -> None:
+    bench.found["front_left"] = measurement(toe=0.02)
+    results = 0
+
+    def fail_at_the_end() -> None:
+        nonlocal results
+        bench.line.clock.now += 0.1
+        results += 1
+        if results == 60:
+            bench.line.queue.append(Abort(1))
+
+    bench.line.on_live = fail_at_the_end
+    bench.trigger(vehicle_type=GUIDED.number, mode=Mode.ADJUST)
+    record = bench.store.cycles[-1]
+    assert record.outcome is CycleOutcome.ABORTED
+    [turned] = record.adjustings
+    assert turned.found_toe == pytest.approx(0.02)
+    assert (turned.left_camber, turned.left_toe) == (None, None)
+
+
+def test_nothing_is_stored_of_wheels_that_nobody_had_to_turn(bench: Bench) -> None:
+    adjust(bench, 12)
+    assert bench.line.guided[-1][0].state in (S.CHECK, S.DONE)
+    assert bench.store.cycles[-1].adjustings == ()
+
+
+def test_the_next_vehicle_has_nothing_of_what_was_turned_on_the_one_before(bench: Bench) -> None:
+    bench.found["front_left"] = measurement(toe=0.02)
+    adjust(bench, 12)
+    bench.trigger(sequence=2, vehicle_type=GUIDED.number)
+    before, after = bench.store.cycles
+    assert (len(before.adjustings), after.trigger_sequence, after.adjustings) == (1, 2, ())
+
+
+def test_an_adjuster_is_stored_with_its_turns_its_times_and_what_locking_added() -> None:
+    wheels = Wheels("front_left")
+    time_s, begun_s = 100.0, None
+    for toe, results in ((0.02, 5), (0.0, 6), (0.0015, 9)):
+        for _ in range(results):
+            time_s += 0.25
+            state = wheels.tell("front_left", time_s, toe=toe)
+            begun_s = time_s if begun_s is None and state is S.TURN else begun_s
+    done_s = time_s
+    assert state is S.DONE
+    assert begun_s is not None
+    # Nobody works on it any more, however long it is looked at.
+    for _ in range(20):
+        time_s += 0.25
+        wheels.tell("front_left", time_s, toe=0.0015)
+    [turned] = adjusting_records(wheels.guiding, 98.0)
+    assert (turned.outcome, turned.corrections, turned.nuts_locked) == ("done", 1, 1)
+    assert turned.drift == pytest.approx(0.0015)
+    assert turned.turns == pytest.approx(-1.64, abs=0.01)
+    assert turned.turns_made == -turned.turns
+    assert turned.found_toe == pytest.approx(0.02)
+    assert turned.begun_s == pytest.approx(begun_s - 98.0)
+    assert turned.begun_s < turned.ended_s <= done_s - 98.0
+    # A clock that came later than the images is no reason to lose the record.
+    [late] = adjusting_records(wheels.guiding, 1000.0)
+    assert (late.begun_s, late.ended_s) == (0.0, 0.0)
+
+
+def test_a_rod_at_its_end_is_stored_with_the_reason() -> None:
+    wheels = Wheels("front_left")
+    # It moves nearly as far as it goes, and then no farther, for as long as it takes to be believed.
+    for step in range(80):
+        state = wheels.tell("front_left", 0.25 * step, toe=200.0 * ARCMIN if step < 5 else 60.0 * ARCMIN)
+    assert state is S.UNREACHABLE
+    [turned] = adjusting_records(wheels.guiding, 0.0)
+    assert (turned.outcome, turned.reason) == ("unreachable", "range")
+    assert as_left([turned], evaluate(GUIDED, [], 2.0)) == (turned,)
 
 
 def test_the_account_says_how_a_wheel_was_found_and_where_its_nut_locked() -> None:

@@ -15,7 +15,7 @@ from alignment.values import WheelMeasurement
 from db.records import CycleOutcome, CycleRecord, VehicleRecord, Verdict, WheelOutcome
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.answers import Standing, answers_of
-from station.cycle.contradiction import contradicts
+from station.cycle.contradiction import as_told, contradicts
 from station.cycle.failure import Failure, fault
 from station.cycle.judging import Evaluation, evaluate
 from station.cycle.ports import Identity
@@ -26,6 +26,7 @@ from station.cycle.verdict import Status
 from station.cycle.words import ErrorCode, Mode, Outcome, Quality, Trigger
 from station.line.wire.dbc import LineDatabase, Value, load_line_database
 from station.line.wire.results import result_frames
+from tests.db.example_records import adjusting, geometry, steering, steering_axis
 from tests.station.bench import AXLE, KIND, TODAY, TOLERANCE, VIN, WHEELS, measurement
 from tests.station.line.line_bench import DBC
 
@@ -376,6 +377,23 @@ def test_one_wheel_with_a_verdict_contradicts_a_fault_that_was_told_of_all(toe: 
     assert contradicts(record, Standing.NOT_COMMITTED)
     failed = [result(wheel, None, failure=REFUSED) for wheel in WHEELS]
     assert not contradicts(recorded(KIND, evaluate(KIND, failed, 2.0)), Standing.NOT_COMMITTED)
+
+
+def test_a_record_of_what_was_told_has_nothing_that_was_measured_or_turned() -> None:
+    """Geometry, steering and its axes stayed in it, with their verdicts, beside a fault of every wheel."""
+    record = replace(
+        recorded(KIND, evaluate(KIND, [result("front_left", measurement())], 2.0)),
+        geometry=geometry(),
+        steering=steering(),
+        steering_axes=(steering_axis(),),
+        adjustings=(adjusting(),),
+    )
+    for standing in (Standing.NOT_COMMITTED, Standing.ABORTED):
+        told = as_told(record, standing, "it came too late")
+        assert set(told.verdicts) == {Verdict.NONE}
+        assert not contradicts(told, standing)
+        assert (told.geometry, told.steering) == (None, None)
+        assert (told.steering_axes, told.adjustings) == ((), ())
 
 
 def test_what_is_kept_of_an_evaluation_holds_no_images_and_all_verdicts() -> None:
