@@ -92,7 +92,7 @@ def test_no_module_names_an_array_type_of_its_own() -> None:
 
 
 def test_what_a_room_gives_is_no_module_of_it() -> None:
-    """A face gave the function `posed` until somebody imported the module of that name, and then the module."""
+    """A face gave the function `posed` until somebody imported the module of that name."""
     faces = [face for package in PACKAGES for face in sorted((ROOT / package).rglob("__init__.pyi"))]
     assert faces
     given = {face: set(re.findall(r" as (\w+)$", face.read_text(encoding="utf-8"), re.M)) for face in faces}

@@ -37,13 +37,14 @@ _STIFF, _FEWEST_OF_PROFILE = 1e-3, 100  # of second differences, beside points; 
 _NEAR = 1e-4  # radians, 0.3′; an axis that turns by less is where its surface can be fitted
 _MOST_TURN, _MOST_DOUBT = 0.017, 1.5e-3  # radians, 60′ and 5′: more is no wheel on a road
 _MOST_UNEVEN, _LEAST_CARRIED = 3.0, 0.6
+_MOST_LIFT_MM = 5.0  # before heads 60° from the patch; a side force of 8 mm shows 4
 _SETTLED = 3e-6  # radians, 0.01′, by which the axis still turns; the joint solution takes that off, too
 _WIDE = 8.0  # robust deviations; before the load is known, what it lifts is no outlier
 _CLEARLY = 1.3  # times what a knock explains; real loads explain 1.6 times as much and more
 _LEAD = 5.0  # logarithm of the evidence by which side force must be likelier than a knock beside a bulge
 _SURELY_LOADED_MM = 1.0  # a lift that nothing but a road makes
 _WHERE_NO_ROAD_IS = np.radians([120.0, 180.0, -120.0])  # from the contact
-_SHARE_ELSEWHERE = 0.5  # of the logarithm of the evidence; loads of 0.2 to 1 mm: a third at most
+_SHARE_ELSEWHERE = 0.93  # of the logarithm of the evidence; loads before heads 75° from it: to 0.89
 _LEFT_BY_KNOCK = 0.5  # logarithm of evidence per cell, one chi squared: what no knock would leave
 _FIRST_GATE = 8.0  # mm; by so much a head may be off a surface that others fit; a ghost is farther
 _FEWEST_CELLS = 20  # of each head
@@ -257,6 +258,7 @@ def believable(found: FoundLoad, before: RevolutionFit) -> bool:
     turned = np.abs(leaned(found.surface.fit, model.turn).normal - before.normal).max()
     return bool(
         turned < _MOST_TURN
+        and found.lift_mm < _MOST_LIFT_MM
         and np.trace(model.covariance) < _MOST_DOUBT**2
         and model.unevenness < _MOST_UNEVEN
         and np.count_nonzero(weights) > _LEAST_CARRIED * len(weights)

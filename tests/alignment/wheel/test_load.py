@@ -234,6 +234,7 @@ def test_what_is_no_wheel_on_a_road_is_not_explained_by_a_load() -> None:
     assert not believable(found, replace(start, normal=leaned / np.linalg.norm(leaned)))
     assert not believable(replace(found, model=replace(wheel.model, covariance=np.eye(2) * 2e-6)), start)
     assert not believable(replace(found, model=replace(wheel.model, unevenness=3.1)), start)
+    assert not believable(replace(found, lift_mm=5.1), start)
     few = wheel.surface.fit.weights * (np.arange(len(wheel.surface.fit.weights)) % 2)
     hidden = replace(wheel.surface, fit=replace(wheel.surface.fit, weights=few))
     assert not believable(replace(found, surface=hidden), start)
