@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
 from alignment.errors import StoreUnavailableError
 from alignment.units import ARCMIN
 from db.records import AdjustingRecord, VehicleRecord
+from db.store import ResultStore
+from db.upkeep.check import check_database
 from station.cycle.guiding import stated_drifts
 from station.cycle.judging import evaluate
 from station.cycle.learned_drifts import LearnedDrifts, learned_from
@@ -119,3 +122,33 @@ def test_the_station_leaves_room_by_what_it_stored_of_this_type() -> None:
         bench.trigger(vehicle_type=GUIDED.number, mode=Mode.ADJUST)
         told = [guidance for guidance, _ in bench.line.guided if guidance.state is GuidanceState.TURN]
         assert told[0].drift_deg == pytest.approx(8.0 / 2.25 / 60.0)
+
+
+def test_an_adjusted_vehicle_is_in_the_database_and_in_its_chain(tmp_path: Path) -> None:
+    """A row that the database refuses would take the whole cycle with it."""
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    toes = {20: 0.0, 40: 4.0 * ARCMIN}
+    with ResultStore(url, create=True) as store:
+        with open_bench(types={GUIDED.number: GUIDED}, store=store) as bench:
+            bench.found[WHEEL] = measurement(toe=0.02)
+
+            def turn() -> None:
+                bench.line.clock.now += 0.1
+                seen = sum(angles.wheel == WHEEL for angles, _ in bench.line.live)
+                bench.found[WHEEL] = measurement(toe=toes.get(seen, bench.found[WHEEL].toe))
+                if seen == 80 and not bench.line.queue:
+                    bench.line.queue.append(Stop(1))
+
+            bench.line.on_live = turn
+            report = bench.trigger(vehicle_type=GUIDED.number, mode=Mode.ADJUST)
+        assert report is not None
+        assert report.record is not None
+        stored = store.cycle(report.record.uuid)
+        assert stored is not None
+        assert stored.record == report.record
+        [turned] = stored.record.adjustings
+        assert (turned.outcome, turned.corrections, turned.nuts_locked) == ("done", 1, 1)
+        assert turned.drift == pytest.approx(4.0 * ARCMIN)
+        assert turned.left_toe == pytest.approx(4.0 * ARCMIN)
+        assert store.recent_adjustings("station_1", GUIDED.name, 9) == (turned,)
+    assert check_database(url, days=None).findings == ()
