@@ -239,7 +239,8 @@ class WheelGuide:
             self._state, self._reason = GuidanceState.UNREACHABLE, reason
         elif not allowed:
             self._state, self._reason = GuidanceState.WAITING, OutOfReach.NONE
-        elif isinstance(chosen, AdjusterKind):
+        else:
+            assert isinstance(chosen, AdjusterKind)
             self._kind, self._rod_follows = chosen, follows
             self._begun, self._taken, self._locked = rest, None, None
             self.count += 1

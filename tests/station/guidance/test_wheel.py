@@ -382,3 +382,60 @@ def test_camber_is_judged_by_where_the_tie_rod_will_leave_it(camber: float, adju
     walk = Walk(with_rod=rod(across=8.0), with_bolt=bolt())
     advice = walk.at(camber, 40.0, 4)
     assert (advice.state, advice.adjuster) == (S.TURN, adjuster)
+
+
+def test_camber_without_an_adjuster_is_turned_by_a_tie_rod_that_moves_both() -> None:
+    walk = Walk(with_rod=rod(40.0, 20.0))
+    advice = walk.at(7.0, 0.0, 4)
+    assert (advice.state, advice.adjuster) == (S.TURN, ROD)
+    assert walk.guide.reason is OutOfReach.NONE
+
+
+def test_a_wheel_beyond_the_range_that_somebody_brings_inside_is_good() -> None:
+    walk = Walk(with_rod=rod(turns=0.2))
+    assert walk.at(0.0, 60.0, 4).state is S.UNREACHABLE
+    assert walk.guide.reason is OutOfReach.RANGE
+    walk.at(0.0, 0.0, 12)
+    assert walk.seen[-1] is S.DONE
+    assert walk.guide.reason is OutOfReach.NONE
+
+
+def test_no_more_corrections_are_kept_than_anybody_makes() -> None:
+    walk = Walk(with_rod=rod())
+    walk.at(0.0, 20.0, 4)
+    turned_to(walk, 0.2)
+    (first,) = walk.guide.corrections
+    walk.guide._closed.extend([first] * 32)  # noqa: SLF001
+    assert walk.at(0.0, 9.0, 12).state is S.TURN
+    assert walk.guide.count == 2
+    assert len(walk.guide._closed) == 32  # noqa: SLF001
+
+
+def test_what_a_turn_taught_may_put_the_aim_elsewhere_and_nothing_is_locked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walk = Walk(with_rod=rod())
+    walk.at(0.0, 20.0, 4)
+    assert walk.at(0.0, 0.2).state is S.HOLD
+    aims = walk.guide._aims  # noqa: SLF001
+
+    def taught(*_: object) -> None:
+        monkeypatch.setattr(aims, "aim", lambda *_args, **_more: 5.0 * ARCMIN)
+
+    monkeypatch.setattr(aims, "moved", taught)
+    walk.at(0.0, 0.2, 4)
+    assert walk.at(0.0, 0.2).state is S.TURN
+    assert S.LOCK_NUT not in walk.seen
+
+
+def test_an_adjuster_named_at_its_end_begins_anew_when_the_wheel_was_brought_inside() -> None:
+    """By somebody who turned elsewhere: what was begun ends without a nut that was locked."""
+    walk = Walk(with_rod=rod())
+    walk.at(0.0, 200.0, 4)
+    walk.at(0.0, 60.0, 60)
+    assert walk.seen[-1] is S.UNREACHABLE
+    walk.at(0.0, 0.0, 12)
+    assert walk.seen[-2:] == [S.CHECK, S.DONE]
+    walk.at(0.0, 20.0, 8)
+    assert walk.guide.count == 2
+    assert walk.guide.corrections[0].taken is None
