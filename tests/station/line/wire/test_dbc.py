@@ -204,6 +204,7 @@ JUNK = st.tuples(st.sampled_from(_TOKENS), st.sampled_from(_JUNK)).map(
 )
 
 
+@pytest.mark.slow(8)
 @settings(max_examples=60)
 @given(text=CUT | WITHOUT_LINES | TWICE | JUNK | JUNK | JUNK)
 def test_any_damage_is_one_error_or_a_line_that_works(
