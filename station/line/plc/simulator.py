@@ -144,9 +144,12 @@ class PlcSimulator:
         return self
 
     def close(self) -> None:
-        """End the cyclic Command and stop listening; harmless when closed."""
+        """Take back what was told of the vehicle, end the cyclic Command, stop listening; harmless twice."""
         self._bus.unlisten(self.view.receive)
         self._cyclic.stop()
+        self.teller.forget()
+        if self.teller.telling and not self.paused:
+            self._send_standing()
 
     def __enter__(self) -> Self:
         return self.start()

@@ -13,6 +13,9 @@ from station.line.wire import LineDatabase, Value, bounded, milliseconds
 class VehicleTeller:
     """Frames of what is told; a controller that tells nothing sends none of them.
 
+    What was told and is not any more is told as not valid, once: without that a station would know it for as
+    long as it bears with silence, and take it for the next vehicle's.
+
     Parameters
     ----------
     database
@@ -42,9 +45,17 @@ class VehicleTeller:
         self.step: Step | None = None
         self.sweeping = False
         self._sample = 0
+        self._taken_back = False, False
+
+    @property
+    def telling(self) -> bool:
+        """Whether anything is told, or has to be taken back."""
+        return self.steering is not None or self.heights is not None or any(self._taken_back)
 
     def forget(self) -> None:
         """Tell nothing any more, as a controller that has no sensor and asks for no sweep."""
+        steering, heights = self._taken_back
+        self._taken_back = steering or self.steering is not None, heights or self.heights is not None
         fresh = VehicleTeller(self._database)
         self.steering, self.heights, self.sensor = fresh.steering, fresh.heights, fresh.sensor
         self.stands, self.step, self.sweeping = fresh.stands, fresh.step, fresh.sweeping
@@ -54,11 +65,14 @@ class VehicleTeller:
         if not self._database.has_steering:
             return
         self._sample += not self.stands
+        (steering, heights), self._taken_back = self._taken_back, (False, False)
         told = None if self.steering is None else self.sensor(self.steering)
+        if self.steering is None and steering:
+            told = SteeringWheel(None)
         if told is not None:
             yield self._steering(told)
-        if self.heights is not None:
-            yield from self._heights(self.heights)
+        if self.heights is not None or heights:
+            yield from self._heights(self.heights or RideHeights({}))
         if self.sweeping or self.step is not None:
             yield self._step(self.step or Step(0, 0))
 

@@ -21,7 +21,9 @@ leave the new ones of the station unread, and goes on unchanged.
 between vehicles, where the controller knows them; a message that begins counts from its second frame.
 `Sample` is one more with each measurement: a sensor that stands grows old however often it is sent. Without a
 good frame for {silence_ms} ms nothing is known any more. An angle or a height that is not known is *invalid*,
-never 0. The station looks before the exposures and after them. What it made of them comes with the results:
+never 0. When the vehicle leaves, both are told as invalid, once at least: what merely ceases stays known for
+those {silence_ms} ms, and a start within them is measured with what the last vehicle told. The station looks
+before the exposures and after them. What it made of them comes with the results:
 `SteeringWheelResult`, `RideHeightUsed…`, and in `WheelRaw…` the angles as measured where `WheelResult…` holds
 corrected ones. Where the vehicle type requires what was not known, or is absurd, wheels are not judged.
 

@@ -44,6 +44,7 @@ from station.cycle.words import (
 from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach, TurnDirection
 from station.line.interface import StationLine
 from station.line.plc.results import read_results
+from station.line.plc.simulator import PlcSimulator
 from station.line.plc.teller import VehicleTeller
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, load_line_database
@@ -118,6 +119,35 @@ def beat(bench: Bench, seconds: float) -> None:
 
 
 # --- What the controller tells
+
+
+def test_what_a_leaving_controller_told_is_not_taken_for_the_next_vehicles(sweeping: Bench) -> None:
+    """A vehicle was measured with the steering wheel of the one before: that controller had just ended."""
+    leaving = teller(steering=SteeringWheel(740.0), heights=RideHeights({"front_left": 12.0}))
+    tell(sweeping, leaving, 2)
+    told = sweeping.line.told()
+    assert told.steering is not None
+    assert told.steering.angle_deg == pytest.approx(740.0)
+    leaving.forget()
+    leaving.forget()
+    assert leaving.telling
+    tell(sweeping, leaving)
+    told = sweeping.line.told()
+    assert told.steering is None or not told.steering.valid
+    assert told.heights is None or told.heights.of("front_left") is None
+    assert not leaving.telling
+    assert list(leaving.frames()) == []
+
+
+def test_a_simulated_controller_takes_back_what_it_told_when_it_ends(sweeping: Bench) -> None:
+    controller = PlcSimulator(sweeping.bus, DATABASE, sweeping.clock)
+    controller.teller.steering = SteeringWheel(740.0)
+    sweeping.messages()
+    controller.tick()
+    controller.close()
+    controller.close()
+    told = [values for name, values in sweeping.messages() if name == "SteeringWheel"]
+    assert [values["Source"] for values in told] == ["vehicle", "none"]
 
 
 def test_nothing_is_known_before_it_was_told(bench: Bench) -> None:
