@@ -36,8 +36,8 @@ from sensors.formats import read_calibration, read_calibration_file, read_shot, 
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration import VehicleType
 from station.cycle import CalibrationInForce, Identity, Trigger, WheelPosition
-from station.cycle.judging import evaluate
-from station.cycle.record import cycle_record
+from station.cycle.judging.evaluation import evaluate
+from station.cycle.recording.record import cycle_record
 from station.cycle.under_way import CycleUnderWay
 from station.store import ImageArchive, Keeping
 

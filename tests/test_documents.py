@@ -290,11 +290,13 @@ def test_every_file_and_module_that_a_page_names_exists(document: Path) -> None:
             assert is_there(name), f"{document.name}: {name}"
 
 
-@pytest.mark.parametrize("name", ["station.contradiction", "db.chain", "station.cycle.verdict.Verdikt"])
+@pytest.mark.parametrize(
+    "name", ["station.contradiction", "db.chain", "station.cycle.judging.verdict.Verdikt"]
+)
 def test_module_that_is_gone_is_found(name: str) -> None:
     assert not is_there(name)
-    assert is_there("station.cycle.verdict")
-    assert is_there("station.cycle.verdict.Angle.status")
+    assert is_there("station.cycle.judging.verdict")
+    assert is_there("station.cycle.judging.verdict.Angle.status")
 
 
 def without_fences(document: Path) -> str:

@@ -30,10 +30,10 @@ TESTS = {
     "station.guidance.aims": GUIDANCE,
     "station.guidance.wheel": GUIDANCE[1:],
     "station.guidance.vehicle": GUIDANCE[2:],
-    "station.cycle.verdict": ("tests/station/cycle/test_verdict.py",),
-    "station.cycle.straight_ahead": ("tests/station/cycle/test_straight_ahead.py",),
-    "station.cycle.ride_height": ("tests/station/cycle/test_ride_height.py",),
-    "station.cycle.corrections": ("tests/station/cycle/test_corrected.py",),
+    "station.cycle.judging.verdict": ("tests.station.cycle.judging.test_verdict.py",),
+    "station.cycle.judging.straight_ahead": ("tests.station.cycle.judging.test_straight_ahead.py",),
+    "station.cycle.judging.ride_height": ("tests.station.cycle.judging.test_ride_height.py",),
+    "station.cycle.judging.corrections": ("tests.station.cycle.judging.test_corrections.py",),
     "station.line.handshake": ("tests/station/line/test_handshake.py",),
 }
 # None of them may load a module that is mutated; what is loaded here each child has at once.
@@ -53,9 +53,10 @@ PRELOADED = (
 TIMEOUT_S = 120
 # By module and mutant: why no caller can tell it from the original.
 EQUIVALENT: dict[tuple[str, str], str] = {
-    ("station.cycle.straight_ahead", 'Gt -> GtE: side = "left" if wheel_deg > 0.0 else "right"'): (
-        "it stands farther from straight than a limit that is above nothing"
-    ),
+    (
+        "station.cycle.judging.straight_ahead",
+        'Gt -> GtE: side = "left" if wheel_deg > 0.0 else "right"',
+    ): ("it stands farther from straight than a limit that is above nothing"),
     ("station.guidance.wheel", "assignment dropped: self._resume = GuidanceState.CHECK"): (
         "it is set whenever a wheel is lost, before it is read"
     ),

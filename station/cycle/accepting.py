@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from station.configuration import VehicleType
-from station.cycle.frame import CommonFrame, frame_for, tells_toe
-from station.cycle.judging import axle_of
-from station.cycle.straight_ahead import STEERED
+from station.cycle.judging import STEERED, axle_of
+from station.cycle.wheels import CommonFrame, frame_for, tells_toe
 from station.cycle.words import ErrorCode, Mode, Prepare, StationState, Trigger
 
 

@@ -18,30 +18,29 @@ from alignment.errors import InputError, LineError, StoreError, together
 from db.records import CycleRecord, Severity
 from station.configuration import VehicleType
 from station.cycle.accepting import why_declined
-from station.cycle.adjusting import Adjusting, RunOutBefore
-from station.cycle.answers import Standing, answers_of
+from station.cycle.answering import Standing, answers_of
 from station.cycle.coalesced import Coalesced
-from station.cycle.failure import Failure, fault
-from station.cycle.frame import CommonFrame
-from station.cycle.held import Closing, Held
 from station.cycle.judging import Evaluation, lengths_missed
-from station.cycle.learned_drifts import LearnedDrifts
-from station.cycle.ledger import Ledger
-from station.cycle.master_check import master_checks, unfit_master
-from station.cycle.plate_images import CalibrationImages
+from station.cycle.modes import (
+    Adjusting,
+    CalibrationImages,
+    LearnedDrifts,
+    RunOutBefore,
+    master_checks,
+    sweep_steering,
+    unfit_master,
+)
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.cycle.positions import WheelPosition, WheelResult, utc_now
-from station.cycle.record import cycle_record, evaluated, run_out_notes
-from station.cycle.series import SeriesChoice
+from station.cycle.recording import Closing, Held, Ledger, cycle_record, evaluated, run_out_notes
 from station.cycle.states import StateMachine
-from station.cycle.sweep import sweep_steering
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.wheel_runs import POLL_S, run_wheels
-from station.cycle.wheel_threads import WheelThreads
+from station.cycle.wheels import CommonFrame, SeriesChoice, WheelPosition, WheelResult, WheelThreads, utc_now
 from station.cycle.words import (
     Abort,
     Acknowledge,
     ErrorCode,
+    Failure,
     Mode,
     Prepare,
     Reset,
@@ -49,6 +48,7 @@ from station.cycle.words import (
     StationStatus,
     Stop,
     Trigger,
+    fault,
 )
 from station.threads import ThreadHealth, ThreadWatch, Watched
 

@@ -16,19 +16,19 @@ from db.records import (
     StoredCycle,
     ZeroRecord,
 )
-from station.cycle.guidance_words import Guidance
 from station.cycle.judging import Evaluation
-from station.cycle.positions import WheelResult
-from station.cycle.steering_words import SweepProgress
-from station.cycle.vehicle_words import ToldOfVehicle
+from station.cycle.wheels import WheelResult
 from station.cycle.words import (
     AxleAnswer,
     Command,
     ErrorCode,
+    Guidance,
     LiveAngles,
     Outcome,
     StationState,
     StationStatus,
+    SweepProgress,
+    ToldOfVehicle,
     Trigger,
     VehicleAnswer,
     WheelAnswer,

@@ -9,11 +9,9 @@ from uuid import UUID, uuid4
 
 from db.records import AdjustingRecord, ZeroRecord
 from station.configuration import VehicleType
-from station.cycle.positions import ABORTED, WheelPosition, WheelResult
-from station.cycle.series import SeriesPlan
-from station.cycle.steering_axes import SweepFound, Swept
-from station.cycle.vehicle_words import ToldOfVehicle
-from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, Trigger
+from station.cycle.judging import SweepFound, Swept
+from station.cycle.wheels import ABORTED, SeriesPlan, WheelPosition, WheelResult
+from station.cycle.words import Abort, Command, ErrorCode, Outcome, Reset, ToldOfVehicle, Trigger
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import replace
 
-from station.cycle.positions import WheelPosition, WheelResult, result_of
-from station.cycle.series import SeriesPlan
 from station.cycle.under_way import CycleUnderWay
-from station.cycle.wheel_threads import WheelThreads
+from station.cycle.wheels import SeriesPlan, WheelPosition, WheelResult, WheelThreads, result_of
 
 POLL_S = 0.02
 

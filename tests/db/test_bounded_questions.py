@@ -17,8 +17,8 @@ from db.records import EventRecord, Severity
 from db.rows import record_of
 from db.store import ResultStore
 from db.sums import bring_up_to_date, update_sums
-from station.cycle.answers import Standing
-from station.cycle.held import Closing, closing_text, unacknowledged
+from station.cycle.answering.answers import Standing
+from station.cycle.recording.held import Closing, closing_text, unacknowledged
 from tests.db.example_records import (
     CALIBRATION,
     NOON,

@@ -24,7 +24,7 @@ from alignment.errors import WarmUpError
 from sensors.formats import read_image, write_image
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
-from station.cycle.words import ErrorCode, Outcome
+from station.cycle.words.cycle import ErrorCode, Outcome
 from station.line.plc.orders import PlcOrder, PlcTimeouts
 from station.line.plc.simulator import PlcSimulator
 from station.line.wire.bus import LineBus, open_bus

@@ -19,7 +19,7 @@ from db.store import ResultStore
 from sensors.formats import TyreLoad, read_image, read_truth, write_image
 from station.cli import exit_status
 from station.configuration.settings import read_configuration
-from station.cycle.words import Outcome
+from station.cycle.words.cycle import Outcome
 from station.line.plc.orders import PlcOrder, PlcTimeouts
 from station.line.plc.simulator import run_plc
 from station.line.tools.monitor import decode_log, trace_cycles

@@ -20,7 +20,7 @@ from db.queries import ResultReader, events
 from db.records import WheelOutcome
 from sensors.formats import read_calibration_file
 from station.configuration.settings import read_configuration
-from station.cycle.words import ErrorCode, Outcome
+from station.cycle.words.cycle import ErrorCode, Outcome
 from station.line.plc import PlcOrder, PlcSimulator, PlcTimeouts
 from station.line.wire import BusSettings, open_bus
 from station.running.composition import OpenStation, open_station

@@ -9,8 +9,8 @@ import pytest
 
 from sensors.simulation.vehicle import VehicleDraw, passing_vehicle
 from station.configuration.settings import read_configuration
-from station.cycle.frame import CommonFrame
-from station.cycle.judging import evaluate
+from station.cycle.judging.evaluation import evaluate
+from station.cycle.wheels.frame import CommonFrame
 from station.running.composition import open_station
 from station.running.frame import common_frame
 

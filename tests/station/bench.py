@@ -25,15 +25,12 @@ from db.records import (
     ZeroRecord,
 )
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.frame import CommonFrame
-from station.cycle.guidance_words import Guidance
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, CycleReport, Identity, Observer
-from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition
-from station.cycle.series import SeriesChoice
-from station.cycle.steering_words import SweepProgress
-from station.cycle.vehicle_words import NOTHING_TOLD, ToldOfVehicle
-from station.cycle.words import (
+from station.cycle.wheels.frame import CommonFrame
+from station.cycle.wheels.positions import CalibrationInForce, MeasureFunction, WheelPosition
+from station.cycle.wheels.series import SeriesChoice
+from station.cycle.words.cycle import (
     Acknowledge,
     Command,
     ErrorCode,
@@ -45,6 +42,9 @@ from station.cycle.words import (
     Trigger,
     vehicle_outcome,
 )
+from station.cycle.words.guidance import Guidance
+from station.cycle.words.steering import SweepProgress
+from station.cycle.words.vehicle import NOTHING_TOLD, ToldOfVehicle
 from station.health.observer import WatchingObserver
 from station.health.watch import CameraWatch
 from tests.sensors.samples import calibration as sample_calibration

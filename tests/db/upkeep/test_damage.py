@@ -21,7 +21,7 @@ from db.store import ResultStore
 from db.sums import update_sums
 from db.upkeep.check import check_database
 from station.cli import commands, exit_status
-from station.cycle.held import unacknowledged
+from station.cycle.recording.held import unacknowledged
 from tests.db.example_plant import plant
 from tests.db.example_records import (
     CALIBRATION,

@@ -19,7 +19,7 @@ from sensors.formats import write_shot
 from sensors.shot import HeadFrames, WheelShot
 from station.calibration.master import MasterWheel
 from station.calibration.zero import measure_zero
-from station.cycle.zero import correction_of
+from station.cycle.wheels.zero import correction_of
 from tests import rendered
 
 SETTINGS = MeasureSettings()

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from db.records import CycleOutcome, WheelOutcome, ZeroRecord
-from station.cycle.words import ErrorCode, Outcome, StationState
+from station.cycle.words.cycle import ErrorCode, Outcome, StationState
 from tests.db.example_records import zero
 from tests.station.bench import WHEELS, Bench, measurement, open_bench, store_error
 

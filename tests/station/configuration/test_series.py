@@ -11,7 +11,7 @@ import pytest
 from alignment.errors import ConfigurationError
 from station.configuration.places import default_config
 from station.configuration.settings import Configuration, read_configuration
-from station.cycle.series import SeriesChoice
+from station.cycle.wheels.series import SeriesChoice
 from station.running.composition import series_choice
 
 SPIN = 'measure = "spin_axis"'

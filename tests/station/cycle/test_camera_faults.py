@@ -13,8 +13,8 @@ from db.records import CycleOutcome, WheelOutcome
 from sensors.bounded import CallBounds
 from sensors.guarded import GuardedCamera
 from sensors.rig import Rig, StereoHead
-from station.cycle.adjusting import _REST_S
-from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, Reset, StationState, Stop
+from station.cycle.modes.adjusting import _REST_S
+from station.cycle.words.cycle import ErrorCode, LiveState, Mode, Outcome, Reset, StationState, Stop
 from tests.documents import ROOT
 from tests.sensors.samples import HEIGHT, WIDTH
 from tests.sensors.scripted import Device, Patience

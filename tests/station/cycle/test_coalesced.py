@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from db.records import Severity
 from station.cycle.coalesced import MOST_KINDS, Coalesced
-from station.cycle.words import Mode, Reset, StationState
+from station.cycle.words.cycle import Mode, Reset, StationState
 from tests.station.bench import Clock, camera_error, open_bench
 from tests.station.line.line_bench import Clock as LineClock
 

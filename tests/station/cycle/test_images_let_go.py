@@ -17,7 +17,7 @@ import pytest
 from alignment.errors import LineError
 from alignment.values import Refusal, RefusalCode
 from station.cycle.under_way import CycleUnderWay
-from station.cycle.words import Abort, Mode, Outcome, Reset, StationState, Stop
+from station.cycle.words.cycle import Abort, Mode, Outcome, Reset, StationState, Stop
 from tests.station.bench import GATE_S, MASTER, WHEELS, Bench, FakeRig, camera_error, open_bench, store_error
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from db.records import CycleOutcome
-from station.cycle.words import Abort, ErrorCode, Mode, Outcome, Reset, StationState
+from station.cycle.words.cycle import Abort, ErrorCode, Mode, Outcome, Reset, StationState
 from tests.station.bench import Bench, assert_set, camera_error, open_bench, store_error
 
 

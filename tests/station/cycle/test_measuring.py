@@ -12,8 +12,8 @@ import pytest
 from alignment.errors import CameraError, LineConnectionError, StoreUnavailableError
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome, Verdict, WheelOutcome
-from station.cycle.positions import WheelPosition
-from station.cycle.words import ErrorCode, Mode, Outcome, Reset, StationState
+from station.cycle.wheels.positions import WheelPosition
+from station.cycle.words.cycle import ErrorCode, Mode, Outcome, Reset, StationState
 from tests.station.bench import WHEELS, Bench, camera_error, measurement, open_bench, store_error
 
 GOOD_WAY = [

@@ -12,7 +12,7 @@ from sensors.bounded import CallBounds
 from sensors.projectors.guarded import GuardedProjector
 from sensors.projectors.lit_rig import LitRig, RigLight
 from sensors.rig import Rig, StereoHead
-from station.cycle.words import ErrorCode, Reset, StationState
+from station.cycle.words.cycle import ErrorCode, Reset, StationState
 from tests.sensors.projectors.fakes import Lamp, ScriptedProjector
 from tests.sensors.scripted import Device, Patience
 from tests.station.bench import Bench, open_bench

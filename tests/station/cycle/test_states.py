@@ -3,7 +3,7 @@ import itertools
 import pytest
 
 from station.cycle.states import TRANSITIONS, IllegalTransitionError, StateMachine
-from station.cycle.words import StationState as State
+from station.cycle.words.cycle import StationState as State
 
 PATHS: dict[State, list[State]] = {
     State.STARTING: [],

@@ -14,7 +14,16 @@ from alignment.values import Refusal, RefusalCode
 from db.queries import ResultReader, since_last_good_check, vin_history
 from db.records import CycleOutcome, CycleRecord, EventRecord, Verdict, WheelOutcome
 from db.store import ResultStore
-from station.cycle.words import Abort, Acknowledge, Command, ErrorCode, Mode, Outcome, Reset, StationState
+from station.cycle.words.cycle import (
+    Abort,
+    Acknowledge,
+    Command,
+    ErrorCode,
+    Mode,
+    Outcome,
+    Reset,
+    StationState,
+)
 from tests.station.bench import (
     GATE_S,
     MASTER,

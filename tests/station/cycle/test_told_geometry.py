@@ -9,10 +9,10 @@ import pytest
 from alignment.values import Refusal, RefusalCode
 from db.records import CycleOutcome, Verdict
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.answers import Standing, answers_of
-from station.cycle.geometry_answer import geometry_answer
-from station.cycle.geometry_words import GEOMETRY, NO_GEOMETRY, GeometryAnswer, QuantityState
-from station.cycle.words import AxisKind, LiveState, Mode, Outcome, StationState, Stop
+from station.cycle.answering.answers import Standing, answers_of
+from station.cycle.answering.geometry_answer import geometry_answer
+from station.cycle.words.cycle import AxisKind, LiveState, Mode, Outcome, StationState, Stop
+from station.cycle.words.geometry import GEOMETRY, NO_GEOMETRY, GeometryAnswer, QuantityState
 from tests.station.bench import Bench
 from tests.station.cycle.test_turning_wheels import SPUN, TURNING, opened
 from tests.station.cycle.test_vehicle_frame import bench_of, seen

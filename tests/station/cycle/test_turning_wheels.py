@@ -19,10 +19,10 @@ from alignment.values import Refusal, RefusalCode, WheelMeasurement
 from db.records import CycleOutcome, Severity, Verdict, WheelKind, WheelOutcome
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.image_memory import ImageMemory
-from station.cycle.judging import missed_limits
-from station.cycle.series import MOST_WAITING, SeriesChoice
-from station.cycle.words import Abort, AxisKind, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
+from station.cycle.judging.evaluation import missed_limits
+from station.cycle.wheels.image_memory import ImageMemory
+from station.cycle.wheels.series import MOST_WAITING, SeriesChoice
+from station.cycle.words.cycle import Abort, AxisKind, ErrorCode, LiveState, Mode, Outcome, StationState, Stop
 from tests.alignment.wheel.test_series import exposures, mean_axis
 from tests.sensors.samples import shot as sample_shot
 from tests.station.bench import AXLE, GATE_S, WHEELS, Bench, FakeRig, assert_set, camera_error, open_bench

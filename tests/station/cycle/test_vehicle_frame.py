@@ -29,11 +29,11 @@ from alignment.vehicle.placed import pose_by_frame
 from alignment.vehicle.wheel_axes import Stand, WheelAxis
 from db.records import OF_GEOMETRY, CheckOutcome, CycleOutcome, Verdict, WheelKind
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.frame import CommonFrame, Reference
-from station.cycle.judging import evaluate, missed_limits
-from station.cycle.positions import WheelResult
-from station.cycle.verdict import Status
-from station.cycle.words import ErrorCode, LiveState, Mode, Outcome, StationState, Stop
+from station.cycle.judging.evaluation import evaluate, missed_limits
+from station.cycle.judging.verdict import Status
+from station.cycle.wheels.frame import CommonFrame, Reference
+from station.cycle.wheels.positions import WheelResult
+from station.cycle.words.cycle import ErrorCode, LiveState, Mode, Outcome, StationState, Stop
 from tests.sensors.samples import calibration as sample_calibration
 from tests.station.bench import WHEELS, Bench, measurement, open_bench
 

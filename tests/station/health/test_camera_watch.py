@@ -16,7 +16,7 @@ from db.records import CameraFigure, CameraSerial, CycleOutcome, Severity
 from sensors.camera_health import CameraCounts, CameraStatistics
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.health import HealthOptions
-from station.cycle.words import ErrorCode
+from station.cycle.words.cycle import ErrorCode
 from station.health.figures import Figure, figures_of
 from station.health.watch import CalibrationUsed, CameraWatch, Taken
 from tests.sensors.samples import shot as sample_shot

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 
-from station.cycle.words import Command, StationState, StationStatus
+from station.cycle.words.cycle import Command, StationState, StationStatus
 from station.line.interface import StationLine
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, Value

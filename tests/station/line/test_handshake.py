@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     Abort,
     Acknowledge,
     Command,

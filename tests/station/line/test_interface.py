@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     Abort,
     Acknowledge,
     AxleAnswer,

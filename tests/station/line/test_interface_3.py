@@ -13,14 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError, InputError, LineError
-from station.cycle.geometry_words import (
-    GEOMETRY,
-    GEOMETRY_ANGLES,
-    GeometryAnswer,
-    QuantityAnswer,
-    QuantityState,
-)
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     SERVED_MODES,
     Abort,
     Acknowledge,
@@ -32,6 +25,13 @@ from station.cycle.words import (
     Outcome,
     VehicleAnswer,
     WheelAnswer,
+)
+from station.cycle.words.geometry import (
+    GEOMETRY,
+    GEOMETRY_ANGLES,
+    GeometryAnswer,
+    QuantityAnswer,
+    QuantityState,
 )
 from station.line.plc.results import read_results
 from station.line.wire.dbc import LineDatabase, load_line_database

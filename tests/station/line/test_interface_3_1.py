@@ -14,9 +14,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
-from station.cycle.geometry_words import QuantityAnswer, QuantityState
-from station.cycle.guidance_words import Guidance
-from station.cycle.steering_words import (
+from station.cycle.words.cycle import (
+    SERVED_MODES,
+    Abort,
+    ErrorCode,
+    Outcome,
+    Stop,
+    Trigger,
+    VehicleAnswer,
+    WheelAnswer,
+)
+from station.cycle.words.geometry import QuantityAnswer, QuantityState
+from station.cycle.words.guidance import Guidance
+from station.cycle.words.steering import (
     AXIS_DIFFERENCES,
     AXIS_LENGTHS,
     AXIS_QUANTITIES,
@@ -30,17 +40,7 @@ from station.cycle.steering_words import (
     SweepProgress,
     SweepState,
 )
-from station.cycle.vehicle_words import NOTHING_TOLD, RideHeights, SteeringSource, SteeringWheel
-from station.cycle.words import (
-    SERVED_MODES,
-    Abort,
-    ErrorCode,
-    Outcome,
-    Stop,
-    Trigger,
-    VehicleAnswer,
-    WheelAnswer,
-)
+from station.cycle.words.vehicle import NOTHING_TOLD, RideHeights, SteeringSource, SteeringWheel
 from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach, TurnDirection
 from station.line.interface import StationLine
 from station.line.plc.results import read_results

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from station.cycle.words import ErrorCode
+from station.cycle.words.cycle import ErrorCode
 from station.line.asking import refusal_in_words
 from tests.station.line.line_bench import VIN, Bench, command_frame
 

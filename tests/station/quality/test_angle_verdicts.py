@@ -31,11 +31,11 @@ from db.records import (
 )
 from db.store import ResultStore
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.answers import axle_records, vehicle_record, wheel_records
-from station.cycle.failure import fault
-from station.cycle.judging import Evaluation, evaluate
-from station.cycle.positions import WheelResult
-from station.cycle.verdict import Status
+from station.cycle.answering.answers import axle_records, vehicle_record, wheel_records
+from station.cycle.judging.evaluation import Evaluation, evaluate
+from station.cycle.judging.verdict import Status
+from station.cycle.wheels.positions import WheelResult
+from station.cycle.words.failure import fault
 from station.quality.selection import newest_vin
 from tests.db.example_records import ANGLES, CALIBRATION, NOON, axle, cycle, refused_wheel, wheel
 from tests.station.bench import WHEELS, measurement

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from station.cycle.words import ErrorCode, StationState
+from station.cycle.words.cycle import ErrorCode, StationState
 from station.line.wire.dbc import LineDatabase, load_line_database
 from station.line.wire.messages import HandshakeState, LineStatus
 from station.rehearsal.endurance import run_endurance

@@ -19,12 +19,12 @@ from sensors.camera import Frame
 from sensors.formats.calibration import read_calibration_file, write_calibration
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.judging import evaluate
+from station.cycle.judging.evaluation import evaluate
 from station.cycle.ports import Identity
-from station.cycle.positions import CalibrationInForce, MeasureFunction, WheelPosition, WheelResult
-from station.cycle.record import cycle_record
+from station.cycle.recording.record import cycle_record
 from station.cycle.under_way import CycleUnderWay
-from station.cycle.words import Trigger
+from station.cycle.wheels.positions import CalibrationInForce, MeasureFunction, WheelPosition, WheelResult
+from station.cycle.words.cycle import Trigger
 from station.store.archive import ImageArchive
 from station.store.keeping import Keeping
 from tests.rendered import images, known_rig

@@ -22,8 +22,8 @@ from db.records import ZeroRecord
 from db.store import ResultStore
 from sensors.formats.archived import digest_of, read_archived
 from sensors.formats.images import read_image, write_image
-from station.cycle.image_memory import ImageMemory
-from station.cycle.series import SeriesPlan
+from station.cycle.wheels.image_memory import ImageMemory
+from station.cycle.wheels.series import SeriesPlan
 from station.replay.archive_walk import archived_folders
 from station.replay.one import Measurer
 from station.replay.stored import StoredResults

@@ -14,7 +14,7 @@ from alignment.errors import ConfigurationError, FormatError
 from sensors.formats import write_calibration
 from sensors.rig import Rig
 from station.configuration.settings import read_configuration
-from station.cycle.words import SERVED_MODES, Mode
+from station.cycle.words.cycle import SERVED_MODES, Mode
 from station.running.composition import open_station
 from station.store.archive import ImageArchive
 from station.store.opening import limits_of, open_archive, open_store

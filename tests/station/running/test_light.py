@@ -13,8 +13,8 @@ from sensors.projectors.guarded import GuardedProjector
 from sensors.projectors.lit_rig import LitRig
 from sensors.simulation.simulated_rig import SimulatedRig
 from station.configuration.settings import read_configuration
-from station.cycle.positions import CalibrationInForce, WheelPosition
-from station.cycle.words import ErrorCode, Outcome
+from station.cycle.wheels.positions import CalibrationInForce, WheelPosition
+from station.cycle.words.cycle import ErrorCode, Outcome
 from station.running.cameras import make_rig, open_rig
 from station.running.checking import check_configuration
 from station.running.light import with_light

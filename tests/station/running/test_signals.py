@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from db.records import CycleOutcome
-from station.cycle.words import Mode, Outcome, StationState
+from station.cycle.words.cycle import Mode, Outcome, StationState
 from station.running.app import stop_on_signals
 from tests.station.bench import Restarted, open_bench
 

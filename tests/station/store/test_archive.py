@@ -25,11 +25,11 @@ from sensors.camera import Frame
 from sensors.formats.shot import read_shot
 from sensors.shot import HeadFrames, WheelShot
 from station.configuration.settings import read_configuration
-from station.cycle.judging import Evaluation, JudgedWheel
+from station.cycle.judging.evaluation import Evaluation, JudgedWheel
+from station.cycle.judging.verdict import Angle
 from station.cycle.ports import CycleReport, Observer
-from station.cycle.positions import CalibrationInForce, MeasuredWith, WheelResult
-from station.cycle.verdict import Angle
-from station.cycle.words import Trigger
+from station.cycle.wheels.positions import CalibrationInForce, MeasuredWith, WheelResult
+from station.cycle.words.cycle import Trigger
 from station.store.archive import ArchivingObserver, ImageArchive
 from station.store.archived import write_wheel
 from station.store.keeping import Keeping

@@ -23,8 +23,8 @@ from sensors.formats.validation import validate
 from sensors.shot import SeriesPlace
 from station.configuration.archive import ArchiveSettings
 from station.configuration.vehicle_types import VehicleType
-from station.cycle.image_memory import ImageMemory
-from station.cycle.positions import WheelResult
+from station.cycle.wheels.image_memory import ImageMemory
+from station.cycle.wheels.positions import WheelResult
 from station.store.archive import ImageArchive
 from station.store.keeping import Keeping
 from tests.db.databases import new_database

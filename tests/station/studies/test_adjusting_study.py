@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from station.cycle.guiding import Guiding
+from station.cycle.modes.guiding import Guiding
 from station.studies.adjusting import STUDY
 
 

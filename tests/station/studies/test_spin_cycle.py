@@ -11,7 +11,7 @@ import pytest
 
 from alignment.units import ARCMIN
 from station.configuration.places import default_config
-from station.cycle.words import Outcome
+from station.cycle.words.cycle import Outcome
 from station.rehearsal.turning_station import TurningTimes, planes_station, run_turning
 from station.studies import spin_cycle
 from station.studies.spin_cycle import SpunWheel, spun_wheel, summary

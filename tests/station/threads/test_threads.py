@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from alignment.errors import CameraError, StoreError, StoreUnavailableError
-from station.cycle.store_thread import StoreThread
-from station.cycle.words import ErrorCode, Mode, Outcome, Reset, StationState, Stop
+from station.cycle.recording.store_thread import StoreThread
+from station.cycle.words.cycle import ErrorCode, Mode, Outcome, Reset, StationState, Stop
 from station.threads.health import ThreadWatch
 from station.threads.supervised import SupervisedThread, described
 from station.threads.worker import Worker, WorkerError
@@ -343,7 +343,7 @@ def test_images_that_come_after_a_calibration_start_was_told_a_fault_are_not_kep
 def test_rig_that_hangs_for_ever_does_not_hang_the_end_of_the_station(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("station.cycle.wheel_threads._CLOSING_S", 0.2)
+    monkeypatch.setattr("station.cycle.wheels.threads._CLOSING_S", 0.2)
     bench = Bench(measure_s=1.0)
     bench.cycle.start()
     gate = bench.rigs["front_left"].gate = threading.Event()

@@ -11,7 +11,7 @@ import can
 import pytest
 
 from alignment.errors import ConfigurationError, InputError, LineError, LineTimeoutError
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     Abort,
     Acknowledge,
     AxleAnswer,

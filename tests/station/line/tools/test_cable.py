@@ -14,7 +14,7 @@ import pytest
 from can_remote import RemoteServer
 
 from alignment.errors import ConfigurationError
-from station.cycle.words import StationState, StationStatus
+from station.cycle.words.cycle import StationState, StationStatus
 from station.line.interface import StationLine
 from station.line.plc.orders import PlcTimeouts
 from station.line.plc.simulator import PlcSimulator

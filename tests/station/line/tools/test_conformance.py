@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from alignment.errors import ConfigurationError
-from station.cycle.words import ErrorCode
+from station.cycle.words.cycle import ErrorCode
 from station.line.handshake import COMMANDS, Handshake, Rule
 from station.line.plc.orders import PlcTimeouts
 from station.line.plc.simulator import PlcSimulator

@@ -17,8 +17,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from station.cycle.vehicle_words import SteeringWheel
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     SERVED_MODES,
     Abort,
     Acknowledge,
@@ -31,6 +30,7 @@ from station.cycle.words import (
     Trigger,
     WheelAnswer,
 )
+from station.cycle.words.vehicle import SteeringWheel
 from station.line.handshake import Asked, Event, Handshake
 from station.line.interface import StationLine
 from station.line.plc.orders import PlcOrder

@@ -10,8 +10,8 @@ import pytest
 
 from alignment.errors import ConfigurationError, LineConnectionError
 from station.configuration.settings import read_station
-from station.cycle.store_thread import StoreThread
-from station.cycle.words import ErrorCode, Mode, Outcome, WheelAnswer
+from station.cycle.recording.store_thread import StoreThread
+from station.cycle.words.cycle import ErrorCode, Mode, Outcome, WheelAnswer
 from station.line.wire.bus import LineBus
 from station.running.composition import cycle_bounds
 from station.threads.supervised import SupervisedThread

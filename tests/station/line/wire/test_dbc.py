@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from alignment.errors import ConfigurationError
-from station.cycle.words import ErrorCode, Trigger
+from station.cycle.words.cycle import ErrorCode, Trigger
 from station.line.interface import StationLine
 from station.line.wire.bus import LineBus
 from station.line.wire.dbc import LineDatabase, load_line_database

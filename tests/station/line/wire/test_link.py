@@ -6,7 +6,7 @@ import can
 import pytest
 
 from alignment.errors import LineError
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     Abort,
     Acknowledge,
     ErrorCode,

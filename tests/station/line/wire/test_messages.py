@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from alignment.errors import InputError, LineError
-from station.cycle.geometry_words import QuantityState
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     AxisKind,
     AxleAnswer,
     ErrorCode,
@@ -22,6 +21,7 @@ from station.cycle.words import (
     overall_outcome,
     vehicle_outcome,
 )
+from station.cycle.words.geometry import QuantityState
 from station.line.wire.dbc import LineDatabase, Value, load_line_database
 from station.line.wire.messages import LineStatus
 from station.line.wire.results import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from station.cycle.words import (
+from station.cycle.words.cycle import (
     Abort,
     Acknowledge,
     ErrorCode,

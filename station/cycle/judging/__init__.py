@@ -1,0 +1,5 @@
+"""From measured wheels to verdicts, by the limits of the vehicle type."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,13 @@
+from .adjusting import Adjusting as Adjusting
+from .adjusting import RunOutBefore as RunOutBefore
+from .adjusting_record import as_left as as_left
+from .guiding import Drifts as Drifts
+from .guiding import Guiding as Guiding
+from .guiding import stated_drifts as stated_drifts
+from .learned_drifts import LearnedDrifts as LearnedDrifts
+from .master_check import master_checks as master_checks
+from .master_check import unfit_master as unfit_master
+from .plate_images import CalibrationImages as CalibrationImages
+from .sweep import sweep_steering as sweep_steering
+from .sweep_ends import SWEEP_ENDS as SWEEP_ENDS
+from .sweep_ends import SweepEnd as SweepEnd

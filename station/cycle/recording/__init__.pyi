@@ -1,0 +1,6 @@
+from .held import Closing as Closing
+from .held import Held as Held
+from .ledger import Ledger as Ledger
+from .record import cycle_record as cycle_record
+from .record import evaluated as evaluated
+from .record import run_out_notes as run_out_notes
