@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import can
 
     from station.configuration import Configuration
-    from station.cycle import WheelAnswer
+    from station.cycle import SteeringAnswer, WheelAnswer
     from station.line.plc import PlcOrder, PlcResult
     from station.line.tools import DecodedFrame, PointVerdict, Trial, Vehicles
     from station.line.wire import BusSettings, LineDatabase
@@ -378,7 +378,7 @@ def _order_vehicles(
 
 
 def _show(result: PlcResult) -> None:
-    from station.cycle import GEOMETRY_ANGLES
+    from station.cycle import GEOMETRY_ANGLES, Outcome
 
     typer.echo(f"{result.order.vin if result.order else 'held from before:'} {result.vehicle.outcome}")
     for answer in result.wheels:
@@ -388,6 +388,10 @@ def _show(result: PlcResult) -> None:
             else f"  camber {answer.camber_deg:+.4f}°  toe {answer.toe_deg:+.4f}°  {_axis_in_words(answer)}"
         )
         typer.echo(f"  {answer.wheel:<12} {answer.outcome}{angles}")
+    for line in _steering_in_words(result.vehicle.steering):
+        typer.echo(f"  {line}")
+    if any(answer.outcome is Outcome.FAULT for answer in result.wheels):
+        typer.echo("  fault: the station's log says why, and `truewheel report vin`")
     geometry = result.vehicle.geometry
     if any(quantity.state.measured for quantity in geometry.quantities):
         between = str(geometry.between).replace("_", " ")
@@ -397,6 +401,19 @@ def _show(result: PlcResult) -> None:
             unit = "°" if quantity.name in GEOMETRY_ANGLES else " mm"
             value = f"{quantity.value:+.4f} ± {quantity.u95:.4f}{unit}"
             typer.echo(f"  {quantity.name:<28} {quantity.state:<9} {value}")
+
+
+def _steering_in_words(steering: SteeringAnswer) -> Iterator[str]:
+    """What wheels may be not judged for, or be corrected by; nothing where nothing was asked."""
+    from station.cycle import HeightState, StraightAhead
+
+    wheel = steering.wheel
+    if wheel.straight_ahead is not StraightAhead.NONE:
+        used = "" if wheel.used_deg is None else f" by {wheel.used_deg:+.1f}° of the steering wheel"
+        yield f"straight ahead {str(wheel.straight_ahead).replace('_', ' ')}{used}"
+    for corner in steering.corners:
+        if corner.height in (HeightState.MISSING, HeightState.ABSURD):
+            yield f"ride height of {corner.wheel} {corner.height}"
 
 
 def _axis_in_words(answer: WheelAnswer) -> str:
