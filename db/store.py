@@ -32,12 +32,15 @@ from db.records import (
     CalibrationRecord,
     CameraFigure,
     CameraSerial,
+    ConcessionRecord,
+    ConcessionWithdrawal,
     CycleRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
     InstallationRecord,
     StationRecord,
+    StoredConcession,
     StoredCycle,
     StoredWheel,
     StoredZero,
@@ -60,9 +63,12 @@ from db.rows import (
     load_records,
     newest_zeros,
     newest_zeros_of,
+    read_concessions,
     read_cycles,
     read_zeros,
     record_of,
+    refuse_concession,
+    refuse_withdrawal,
     serials,
     write_record,
 )
@@ -224,6 +230,40 @@ class ResultStore:
                     f"database {self._where}: zero measurement {record.zero_id} was revoked on"
                     f" {before.utc:%Y-%m-%d} already: {before.reason}"
                 )
+
+    def grant_concession(self, record: ConcessionRecord) -> None:
+        """Release a vehicle that is not ok; its verdict stays.
+
+        Raises
+        ------
+        InputError
+            When there is no such cycle, or it did not end in NOK, when a later cycle of the vehicle counts,
+            or when a concession of it is in force already.
+        """
+        with self._transaction(writes=True) as connection:
+            # A call that is made again after its commit was lost changes nothing.
+            if not load_records(connection, "concession", [key_of(record)]):
+                refuse_concession(connection, self._where, record)
+            self._store(connection, (record,))
+
+    def withdraw_concession(self, record: ConcessionWithdrawal) -> None:
+        """End a concession; it stays stored, and the vehicle is not released any more.
+
+        Raises
+        ------
+        InputError
+            When there is none of that UUID, or when it was withdrawn before.
+        """
+        with self._transaction(writes=True) as connection:
+            before = load_records(connection, "withdrawal", [key_of(record)]).get(key_of(record))
+            if before != record:
+                refuse_withdrawal(connection, self._where, record, before)
+            self._store(connection, (record,))
+
+    def concessions(self, cycles: Sequence[UUID]) -> tuple[StoredConcession, ...]:
+        """The concessions of these cycles, withdrawn ones too, in the order of storing."""
+        with self._transaction() as connection:
+            return read_concessions(connection, cycles)
 
     def record_event(self, record: EventRecord) -> None:
         """Store an event; the same again changes nothing, another one of the same UUID is refused."""

@@ -30,6 +30,7 @@ from station.commands.camera import camera_app
 from station.commands.camera_health import camera_health
 from station.commands.camera_work import exposure, live, show
 from station.commands.capture import capture_app
+from station.commands.concession import concession_app
 from station.commands.configuration import config_app, init
 from station.commands.database import db_app
 from station.commands.demo import demo
@@ -94,6 +95,7 @@ app.add_typer(capture_app, name="capture", cls=Verbs)
 app.add_typer(db_app, name="db", cls=Verbs)
 zero_app.command("measure-vehicle")(measure_vehicle_zeros_command)
 app.add_typer(zero_app, name="zero", cls=Verbs)
+app.add_typer(concession_app, name="concession", cls=Verbs)
 
 
 @app.callback(cls=Verbs, invoke_without_command=True)

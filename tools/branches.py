@@ -19,10 +19,10 @@ from mutate import TESTS
 ROOT = Path(__file__).resolve().parents[1]
 DECIDING = TESTS | {
     "station.cycle.judging.evaluation": (
-        "tests.station.cycle.judging.test_evaluation.py",
+        "tests/station/cycle/judging/test_evaluation.py",
         "tests/station/cycle/test_turning_wheels.py",
         "tests/station/cycle/test_vehicle_frame.py",
-        "tests.station.cycle.judging.test_corrections.py",
+        "tests/station/cycle/judging/test_corrections.py",
     )
 }
 

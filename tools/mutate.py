@@ -30,10 +30,10 @@ TESTS = {
     "station.guidance.aims": GUIDANCE,
     "station.guidance.wheel": GUIDANCE[1:],
     "station.guidance.vehicle": GUIDANCE[2:],
-    "station.cycle.judging.verdict": ("tests.station.cycle.judging.test_verdict.py",),
-    "station.cycle.judging.straight_ahead": ("tests.station.cycle.judging.test_straight_ahead.py",),
-    "station.cycle.judging.ride_height": ("tests.station.cycle.judging.test_ride_height.py",),
-    "station.cycle.judging.corrections": ("tests.station.cycle.judging.test_corrections.py",),
+    "station.cycle.judging.verdict": ("tests/station/cycle/judging/test_verdict.py",),
+    "station.cycle.judging.straight_ahead": ("tests/station/cycle/judging/test_straight_ahead.py",),
+    "station.cycle.judging.ride_height": ("tests/station/cycle/judging/test_ride_height.py",),
+    "station.cycle.judging.corrections": ("tests/station/cycle/judging/test_corrections.py",),
     "station.line.handshake": ("tests/station/line/test_handshake.py",),
 }
 # None of them may load a module that is mutated; what is loaded here each child has at once.

@@ -314,6 +314,8 @@ def _text(row: AngleRow, happened: Sequence[EventRecord]) -> str:
     parts.append(f"verdict={row.verdict}")
     if row.reason_code:
         parts.append(f"reason={row.reason_code}")
+    if row.concession_person is not None:
+        parts.append(f"released by {row.concession_person}: {row.concession_reason}")
     if row.straight_ahead in ("not_checked", "refused"):
         parts.append("straight ahead not checked")
     if row.raw_deg is not None:

@@ -17,7 +17,7 @@ from db.exports.fonts import picture_text
 from db.exports.pdf import Document
 from db.exports.rows import AngleRow, angle_rows
 from db.queries import VinHistory
-from db.records import AngleVerdict, StoredCycle, Unit, Verdict, WheelRecord
+from db.records import AngleVerdict, ConcessionRecord, StoredCycle, Unit, Verdict, WheelRecord
 
 _EXPLAINED = (AngleVerdict.NOK, AngleVerdict.NOT_MEASURED, AngleVerdict.NOT_JUDGED)
 _OUTCOMES = {
@@ -61,6 +61,7 @@ def write_vehicle_certificate(
         [
             ("Vehicle", f"{history.vin}, {kind}"),
             ("Result", _OUTCOMES[record.outcome] + (f": {record.reason_text}" if record.reason_text else "")),
+            *_released(stored.concession),
             *([] if ahead is None else [("Straight ahead", ahead)]),
             ("Station", record.station),
             ("Triggered, stored", f"{_time(record.received_utc)}, {_time(stored.stored_utc)}"),
@@ -136,6 +137,15 @@ def tolerance_picture(rows: Sequence[AngleRow]) -> Figure:
     ax.grid(visible=False)
     ax.invert_yaxis()
     return figure
+
+
+def _released(concession: ConcessionRecord | None) -> list[tuple[str, str]]:
+    """The concession beside the result, which it does not change."""
+    if concession is None:
+        return []
+    beyond = ", ".join(name.replace(".", " ").replace("_", " ") for name in concession.exceeded)
+    said = f"by {concession.person}, {_time(concession.utc)}: {concession.reason}. Out of limits: {beyond}"
+    return [("Released by concession", said)]
 
 
 def _chosen(history: VinHistory, cycle: UUID | None) -> StoredCycle:

@@ -88,6 +88,8 @@ class AngleRow:
         that at which it is judged.
     straight_ahead
         Of front toe and the steering wheel: ``checked``, ``not_checked`` or ``refused``.
+    concession_person, concession_reason, concession_utc
+        Of its cycle, where that is not ok and was released: by whom, why, and when; the verdict stays.
     """
 
     cycle: str
@@ -138,6 +140,9 @@ class AngleRow:
     ride_height_mm: float | None = None
     design_height_mm: float | None = None
     straight_ahead: str | None = None
+    concession_person: str | None = None
+    concession_reason: str | None = None
+    concession_utc: datetime | None = None
 
     @property
     def value(self) -> float | None:
@@ -206,6 +211,9 @@ def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
         "software_version": record.software_version,
         "config_hash": record.config_hash,
     }
+    if stored.concession is not None:
+        released = ("person", "reason", "utc")
+        common |= {f"concession_{name}": getattr(stored.concession, name) for name in released}
     nothing: dict[str, Any] = dict.fromkeys(
         (
             "measured_utc", "method", "calibration_id", "zero_measurement_id", "points_used",

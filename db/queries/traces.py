@@ -27,6 +27,7 @@ from db.records import (
     EventRecord,
     Severity,
     StationRecord,
+    StoredConcession,
     StoredCycle,
     StoredShot,
     StoredZero,
@@ -38,6 +39,7 @@ from db.rows import (
     SHOTS,
     STATIONS,
     ZEROS,
+    read_concessions,
     read_cycles,
     read_stations,
     read_zeros,
@@ -78,6 +80,8 @@ class VinHistory:
         image.
     shots
         Archived images, and whether they are still kept.
+    concessions
+        Releases of the vehicle although it was not ok, withdrawn ones too.
     """
 
     vin: str
@@ -88,6 +92,7 @@ class VinHistory:
     stations: tuple[StationRecord, ...]
     events: tuple[EventRecord, ...]
     shots: tuple[StoredShot, ...]
+    concessions: tuple[StoredConcession, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -127,6 +132,7 @@ def vin_history(reader: ResultReader, vin: str) -> VinHistory:
             _configurations(connection, found),
             _events_around(connection, found),
             _shots(connection, uuids),
+            read_concessions(connection, uuids),
         )
 
 

@@ -12,6 +12,7 @@ from db.records.calibrations import (
     ZeroRevocation,
 )
 from db.records.cameras import HOUR_S, CameraFigure, CameraSerial
+from db.records.concessions import ConcessionRecord, ConcessionWithdrawal, StoredConcession
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
@@ -80,6 +81,8 @@ __all__ = [
     "CameraSerial",
     "CheckKind",
     "CheckOutcome",
+    "ConcessionRecord",
+    "ConcessionWithdrawal",
     "CycleOutcome",
     "CycleRecord",
     "EventRecord",
@@ -97,6 +100,7 @@ __all__ = [
     "StationRecord",
     "SteeringAxisRecord",
     "SteeringRecord",
+    "StoredConcession",
     "StoredCycle",
     "StoredGaugeStudy",
     "StoredShot",

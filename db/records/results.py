@@ -20,6 +20,7 @@ from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
 from db.records.adjusting import AdjustingRecord
 from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
+from db.records.concessions import ConcessionRecord
 from db.records.geometry import GeometryRecord
 from db.records.plain import check_values
 from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord
@@ -387,10 +388,17 @@ class EventRecord:
 
 @dataclass(frozen=True)
 class StoredCycle:
-    """A cycle read back: what was written, and when the store committed it."""
+    """A cycle read back: what was written, when the store committed it, and whether it is released.
+
+    Attributes
+    ----------
+    concession
+        That which is in force of a vehicle that is not ok; the verdict in the record stays.
+    """
 
     record: CycleRecord
     stored_utc: datetime
+    concession: ConcessionRecord | None = None
 
 
 @dataclass(frozen=True)

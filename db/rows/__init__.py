@@ -15,6 +15,7 @@ from db.rows.chain import (
     row_name,
     rows_text,
 )
+from db.rows.conceding import refuse_concession, refuse_withdrawal
 from db.rows.filled import as_before
 from db.rows.plant import changed
 from db.rows.reading import (
@@ -33,6 +34,7 @@ from db.rows.reading import (
     newest_zeros,
     newest_zeros_of,
     query_of,
+    read_concessions,
     read_cycles,
     read_stations,
     read_zeros,
@@ -73,11 +75,14 @@ __all__ = [
     "newest_zeros",
     "newest_zeros_of",
     "query_of",
+    "read_concessions",
     "read_cycles",
     "read_stations",
     "read_zeros",
     "record_of",
     "record_rows",
+    "refuse_concession",
+    "refuse_withdrawal",
     "row_name",
     "rows_text",
     "serials",

@@ -27,6 +27,7 @@ from db.records import (
     AdjustingRecord,
     ArchivedShotRecord,
     AxleRecord,
+    ConcessionRecord,
     CycleRecord,
     GeometryRecord,
     SteeringAxisRecord,
@@ -202,7 +203,7 @@ def _lock_key(chain: str) -> int:
 
 
 def _chain_of(connection: Connection, record: Any) -> str:
-    if isinstance(record, ArchivedShotRecord):
+    if isinstance(record, ArchivedShotRecord | ConcessionRecord):
         query = select(cycles.c.station).where(cycles.c.uuid == record.cycle)
         return str(connection.execute(query).scalar_one())
     return getattr(record, "station", None) or ""

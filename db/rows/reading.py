@@ -18,6 +18,9 @@ from db.records import (
     AxleRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
+    ConcessionRecord,
+    ConcessionWithdrawal,
+    CycleOutcome,
     CycleRecord,
     EventRecord,
     GaugeStudyRecord,
@@ -27,6 +30,7 @@ from db.records import (
     StationRecord,
     SteeringAxisRecord,
     SteeringRecord,
+    StoredConcession,
     StoredCycle,
     StoredZero,
     VehicleAnglesRecord,
@@ -43,6 +47,8 @@ from db.schema import (
     axle_results,
     calibration_checks,
     calibrations,
+    concession_withdrawals,
+    concessions,
     cycles,
     events,
     gauge_studies,
@@ -92,6 +98,8 @@ _JOINED: dict[type, frozenset[str]] = {
     VehicleTypeRecord: frozenset(("station",)),
     StationRecord: frozenset(("station", "plant", "rigs")),
     ArchivedShotRecord: frozenset(("cycle",)),
+    ConcessionRecord: frozenset(("cycle",)),
+    ConcessionWithdrawal: frozenset(("concession",)),
 }
 
 CYCLES = select(cycles, vehicles.c.vin, vehicles.c.vehicle_type).outerjoin(
@@ -114,6 +122,12 @@ STUDY_VALUES = select(gauge_values, gauge_studies.c.uuid.label("study")).join(
 )
 REMOVALS = select(archive_removals, archived_shots.c.uuid.label("shot")).join(
     archived_shots, archive_removals.c.shot_id == archived_shots.c.id
+)
+CONCESSIONS = select(concessions, cycles.c.uuid.label("cycle")).join(
+    cycles, concessions.c.cycle_id == cycles.c.id
+)
+WITHDRAWALS = select(concession_withdrawals, concessions.c.uuid.label("concession")).join(
+    concessions, concession_withdrawals.c.concession_id == concessions.c.id
 )
 STATIONS = (
     select(station_versions, stations.c.name.label("station"), plants.c.name.label("plant"))
@@ -163,6 +177,22 @@ def read_zeros(connection: Connection, query: Select[Any]) -> tuple[StoredZero, 
     )
 
 
+def read_concessions(connection: Connection, uuids: Sequence[UUID]) -> tuple[StoredConcession, ...]:
+    """Concessions of these cycles with their withdrawals, in the order of storing."""
+    found: list[StoredConcession] = []
+    for start in range(0, len(uuids), PORTION):
+        of_these = cycles.c.uuid.in_(uuids[start : start + PORTION])
+        rows = connection.execute(CONCESSIONS.where(of_these).order_by(concessions.c.id)).mappings().all()
+        granted = [row["uuid"] for row in rows]
+        ended = connection.execute(WITHDRAWALS.where(concessions.c.uuid.in_(granted))).mappings()
+        withdrawn = {row["concession"]: record_of(ConcessionWithdrawal, row) for row in ended}
+        found += [
+            StoredConcession(record_of(ConcessionRecord, row), withdrawn.get(row["uuid"]), row["stored_utc"])
+            for row in rows
+        ]
+    return tuple(found)
+
+
 def newest_zeros() -> Select[Any]:
     """As `ZEROS`: of every rig and calibration the newest zero measurement that was not revoked."""
     place = func.row_number().over(partition_by=(_ZERO.c.rig, _ZERO.c.calibration_id), order_by=_NEWEST_FIRST)
@@ -191,6 +221,9 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     steering = _results(connection, steering_results, SteeringRecord, ids)
     axes = _results(connection, steering_axis_results, SteeringAxisRecord, ids)
     turned = _results(connection, adjusting_results, AdjustingRecord, ids)
+    bad = [row["uuid"] for row in rows if row["outcome"] == CycleOutcome.NOK]
+    granted = (stored for stored in read_concessions(connection, bad) if stored.in_force)
+    conceded = {stored.record.cycle: stored.record for stored in granted}
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -206,7 +239,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             steering_axes=tuple(axes[row["id"]]),
             adjustings=tuple(turned[row["id"]]),
         )
-        found.append(StoredCycle(record, row["stored_utc"]))
+        found.append(StoredCycle(record, row["stored_utc"], conceded.get(record.uuid)))
     return tuple(found)
 
 
@@ -248,9 +281,17 @@ RECORD_OF_KIND: dict[str, type] = {
     "study_value": GaugeValueRecord,
     "shot": ArchivedShotRecord,
     "removal": ArchiveRemoval,
+    "concession": ConcessionRecord,
+    "withdrawal": ConcessionWithdrawal,
 }
 KIND_OF = {record: name for name, record in RECORD_OF_KIND.items()}
-_KEYS = {"calibration": "id", "zero": "id", "revocation": "zero_id", "removal": "shot"}
+_KEYS = {
+    "calibration": "id",
+    "zero": "id",
+    "revocation": "zero_id",
+    "removal": "shot",
+    "withdrawal": "concession",
+}
 _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "cycle": (CYCLES, cycles.c.uuid),
     "station": (STATIONS, station_versions.c.uuid),
@@ -265,6 +306,8 @@ _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "study_value": (STUDY_VALUES, gauge_values.c.uuid),
     "shot": (SHOTS, archived_shots.c.uuid),
     "removal": (REMOVALS, archived_shots.c.uuid),
+    "concession": (CONCESSIONS, concessions.c.uuid),
+    "withdrawal": (WITHDRAWALS, concessions.c.uuid),
 }
 
 

@@ -18,6 +18,8 @@ from db.records import (
     ArchiveRemoval,
     CalibrationCheckRecord,
     CalibrationRecord,
+    ConcessionRecord,
+    ConcessionWithdrawal,
     CycleRecord,
     EventRecord,
     GaugeStudyRecord,
@@ -37,6 +39,8 @@ from db.schema import (
     calibration_checks,
     calibrations,
     chain_links,
+    concession_withdrawals,
+    concessions,
     cycles,
     events,
     gauge_studies,
@@ -61,6 +65,7 @@ _NAMES = {
     "study_value": "value of a gauge study",
     "shot": "archived shot",
     "removal": "removal of an archived shot",
+    "withdrawal": "withdrawal of a concession",
     "revocation": "revocation",
     "station": "station version",
 }
@@ -298,6 +303,16 @@ def _removal(connection: Connection, record: ArchiveRemoval) -> _Prepared:
     return archive_removals, "shot_id", flat_values(record) | {"shot_id": shot_id}
 
 
+def _concession(connection: Connection, record: ConcessionRecord) -> _Prepared:
+    cycle_id = _known_id(connection, cycles, "cycle", record.cycle)
+    return concessions, "uuid", flat_values(record) | {"cycle_id": cycle_id}
+
+
+def _withdrawal(connection: Connection, record: ConcessionWithdrawal) -> _Prepared:
+    concession_id = _known_id(connection, concessions, "concession", record.concession)
+    return concession_withdrawals, "concession_id", flat_values(record) | {"concession_id": concession_id}
+
+
 _WRITERS: dict[type, Callable[[Connection, Any], _Prepared]] = {
     CalibrationRecord: _plain(calibrations, "id"),
     CalibrationCheckRecord: _plain(calibration_checks, "uuid"),
@@ -311,4 +326,6 @@ _WRITERS: dict[type, Callable[[Connection, Any], _Prepared]] = {
     InstallationRecord: _installation,
     ArchivedShotRecord: _shot,
     ArchiveRemoval: _removal,
+    ConcessionRecord: _concession,
+    ConcessionWithdrawal: _withdrawal,
 }

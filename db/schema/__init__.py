@@ -10,6 +10,7 @@ from db.schema.adjusting import adjusting_results
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
 from db.schema.cameras import camera_history, camera_serials
 from db.schema.chain import chain_links
+from db.schema.concessions import concession_withdrawals, concessions
 from db.schema.geometry import geometry_results
 from db.schema.levels import part_column, results_of
 from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
@@ -67,6 +68,8 @@ __all__ = [
     "camera_history",
     "camera_serials",
     "chain_links",
+    "concession_withdrawals",
+    "concessions",
     "counted_categories",
     "cycles",
     "events",

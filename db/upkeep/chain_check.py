@@ -27,9 +27,9 @@ from db.rows import (
     rows_text,
 )
 from db.schema import (
-    archive_removals,
     archived_shots,
     chain_links,
+    concessions,
     metadata,
 )
 from db.schema.partitions import detached_ranges
@@ -38,6 +38,8 @@ _PORTION = 500
 # Findings of one kind that are told one by one.
 _MOST = 20
 _UNREADABLE = "unreadable"
+# Kinds without a UUID of their own: the label of the other record's, and where that is.
+_JOINED = {"removal": ("shot", archived_shots), "withdrawal": ("concession", concessions)}
 # The table of each kind's own row.
 TABLES = {
     "station": "station_versions",
@@ -53,6 +55,8 @@ TABLES = {
     "study_value": "gauge_values",
     "shot": "archived_shots",
     "removal": "archive_removals",
+    "concession": "concessions",
+    "withdrawal": "concession_withdrawals",
 }
 
 
@@ -252,7 +256,7 @@ def _digests(
     by_id: dict[Any, tuple[frozenset[str], dict[str, str]]] = {}
     for row in rows:
         values = {name: row.get(name) for name in (*names, "stored_utc")}
-        given = row["shot"] if kind == "removal" else row[column.name]
+        given = row[_JOINED[kind][0] if kind in _JOINED else column.name]
         key = given.hex if isinstance(given, UUID) else str(given)
         identity = row.get("id") if kind not in ("calibration", "zero") else None
         since = earlier.get(key, frozenset())
@@ -300,9 +304,7 @@ def _beside(connection: Connection) -> Iterator[_Finding]:
 def _keys(kind: str, table: Table) -> tuple[Any, Any]:
     """The key of a row as links name it, and where the rows are."""
     _, column, by_uuid = query_of(kind)
-    rows: Any = table
-    if kind == "removal":
-        rows = archive_removals.join(archived_shots, archive_removals.c.shot_id == archived_shots.c.id)
+    rows: Any = table.join(_JOINED[kind][1]) if kind in _JOINED else table
     # Not as a UUID: what is none is to be told, and not to end the search.
     return (func.replace(cast(column, String), "-", "") if by_uuid else column), rows
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.commands.database import DatabaseOption
-from station.commands.output import JsonFlag, print_json
+from station.commands.output import JsonFlag, print_json, read_uuid
 from station.commands.outputs import ready_file
 from station.commands.selection import (
     FromOption,
@@ -129,7 +129,6 @@ def _certificate(
     database: str, out: Path, vin: str | None, cycle: str | None, study: str | None
 ) -> dict[str, Any]:
     from datetime import UTC, datetime
-    from uuid import UUID
 
     from alignment.errors import ConfigurationError
     from db.exports import write_vehicle_certificate
@@ -144,10 +143,7 @@ def _certificate(
         stored = load_gauge_study(database, None, study)
         report = write_study_certificate(out, stored, created=now)
         return {"files": [str(out)], "assessment": report.assessment} | report.result.as_json()
-    try:
-        wanted = None if cycle is None else UUID(cycle)
-    except ValueError:
-        raise ConfigurationError(field="--cycle", expected="a UUID", seen=ascii(cycle)) from None
+    wanted = None if cycle is None else read_uuid("--cycle", cycle)
     with ResultReader(database) as reader:
         history = vin_history(reader, newest_vin(reader) if vin is None else vin)
         written = write_vehicle_certificate(out, history, created=now, cycle=wanted, source=reader.where)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from typing import Annotated, Any
+from uuid import UUID
 
 import typer
 
@@ -45,3 +46,17 @@ def reason_of_force(force: bool, reason: str, what: str, longest: int = 1000) ->
             field="--reason", expected=f"at most {longest} characters", seen=str(len(reason.strip()))
         )
     return reason.strip() if force else None
+
+
+def read_uuid(field: str, text: str) -> UUID:
+    """Return the UUID that an option or argument says.
+
+    Raises
+    ------
+    ConfigurationError
+        When it is none.
+    """
+    try:
+        return UUID(text)
+    except ValueError:
+        raise ConfigurationError(field=field, expected="a UUID", seen=ascii(text)) from None

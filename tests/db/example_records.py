@@ -13,6 +13,8 @@ from db.records import (
     CalibrationRecord,
     CheckKind,
     CheckOutcome,
+    ConcessionRecord,
+    ConcessionWithdrawal,
     CycleOutcome,
     CycleRecord,
     GaugeStudyRecord,
@@ -197,6 +199,42 @@ def corrected_wheel(name: str = "front_left", **changes: Any) -> WheelRecord:
         "design_height_mm": 380.0,
     }  # fmt: skip
     return wheel(name, **(values | changes))
+
+
+def not_ok(**changes: Any) -> CycleRecord:
+    """A vehicle whose front left wheel has too much toe."""
+    bad = wheel(WHEELS[0], toe=0.02, verdict=Verdict.NOK)
+    wheels = (bad, *(wheel(name) for name in WHEELS[1:]))
+    given: dict[str, Any] = {"outcome": CycleOutcome.NOK, "wheels": wheels} | changes
+    return cycle(given.pop("uuid", None), **given)
+
+
+def bad_vehicle(uuid: UUID | None = None) -> CycleRecord:
+    """Of another VIN than `cycle`, so that nothing came after it."""
+    return not_ok(uuid=uuid or uuid4(), vehicle=VehicleRecord("TRUEWHEEL00000077", "compact"))
+
+
+def concession(cycle: UUID, **changes: Any) -> ConcessionRecord:
+    values: dict[str, Any] = {
+        "cycle": cycle,
+        "utc": NOON,
+        "person": "A. Example",
+        "reason": "goes to the test track, not to a customer",
+        "exceeded": {
+            "front_left.toe": {"value": 0.4, "u95": 0.001, "low": -0.1, "high": None, "unit": "deg"}
+        },
+    }
+    return ConcessionRecord(**(values | changes))
+
+
+def withdrawal(concession: UUID, **changes: Any) -> ConcessionWithdrawal:
+    values: dict[str, Any] = {
+        "concession": concession,
+        "utc": NOON,
+        "person": "B. Example",
+        "reason": "it was another vehicle",
+    }
+    return ConcessionWithdrawal(**(values | changes))
 
 
 def cycle(uuid: UUID | None = None, **changes: Any) -> CycleRecord:

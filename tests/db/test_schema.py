@@ -29,6 +29,8 @@ from db.schema import (
     axle_results,
     calibration_checks,
     calibrations,
+    concession_withdrawals,
+    concessions,
     cycles,
     geometry_results,
     metadata,
@@ -48,7 +50,9 @@ from tests.db.example_records import (
     NOON,
     adjusting,
     axle,
+    bad_vehicle,
     check,
+    concession,
     corrected_wheel,
     cycle,
     geometry,
@@ -63,6 +67,7 @@ from tests.db.example_records import (
     study,
     study_value,
     wheel,
+    withdrawal,
     zero,
 )
 
@@ -91,6 +96,11 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
                 adjustings=(adjusting(),),
             )
             store.write_cycle(measured)
+            released = bad_vehicle()
+            store.write_cycle(released)
+            granted = concession(released.uuid)
+            store.grant_concession(granted)
+            store.withdraw_concession(withdrawal(granted.uuid))
             store.describe_station(station(), (limits(),), (installation(),))
             planned, kept = study(), shot(measured.uuid)
             store.plan_study(planned)
@@ -135,6 +145,8 @@ def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None
         values = {"cycle_id": 99} | values
     if table is zero_revocations:
         connection.execute(zero_measurements.insert().values(**COMPLETE[zero_measurements]))
+    if table is concession_withdrawals:
+        insert(connection, concessions, COMPLETE[concessions] | {"id": 99})
     connection.execute(table.insert().values(**values))
 
 
@@ -303,6 +315,10 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (zero_measurements, "possible_uncertainties", {"camber_u": 0.0}),
     (zero_measurements, "possible_correlation", {"correlation": 1.1}),
     (zero_revocations, "reason_not_empty", {"reason": ""}),
+    (concessions, "person_not_empty", {"person": ""}),
+    (concessions, "reason_not_empty", {"reason": ""}),
+    (concession_withdrawals, "person_not_empty", {"person": ""}),
+    (concession_withdrawals, "reason_not_empty", {"reason": ""}),
     (vehicles, "vin_not_empty", {"vin": "", "vehicle_type": "compact"}),
 ]
 COMPLETE: dict[Table, dict[str, Any]] = {
@@ -318,6 +334,8 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},
     zero_revocations: flat_values(revocation("zero-2")) | {"stored_utc": NOON},
+    concessions: flat_values(concession(uuid4())) | {"stored_utc": NOON},
+    concession_withdrawals: flat_values(withdrawal(uuid4())) | {"concession_id": 99, "stored_utc": NOON},
     vehicles: {},
 }
 

@@ -12,6 +12,7 @@ from alignment.errors import InputError
 from db.exports import STEERED_WHEELS, USUAL_K, AngleRow, angle_rows
 from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
 from db.records import StoredCycle, Unit, WheelRecord
+from station.quality.concessions import exceeded_in_words
 from station.quality.reports.report import Section, TableRow, shown_time
 
 _LONGEST = 300
@@ -38,6 +39,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             "station": stored.record.station,
             "type": None if stored.record.vehicle is None else stored.record.vehicle.vehicle_type,
             "result": str(stored.record.outcome), "reason": stored.record.reason_text,
+            "released_by": None if stored.concession is None else stored.concession.person,
             "trigger": stored.record.trigger_sequence, "software": stored.record.software_version,
             "configuration": stored.record.config_hash, "cycle": str(stored.record.uuid),
         }
@@ -49,7 +51,7 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             f"Cycles of {vin}",
             cycles,
             {"cycles": len(cycles)},
-            brief=("received", "station", "result", "reason", "cycle"),
+            brief=("received", "station", "result", "reason", "released_by", "cycle"),
         ),
         Section(
             "angles",
@@ -214,6 +216,17 @@ def _explaining(history: VinHistory) -> list[Section]:
         }
         for station in history.stations
     ]  # fmt: skip
+    released: list[TableRow] = [
+        {
+            "granted": shown_time(stored.record.utc), "person": stored.record.person,
+            "reason": stored.record.reason, "out_of_limits": exceeded_in_words(stored.record.exceeded),
+            "withdrawn": None if stored.withdrawal is None else shown_time(stored.withdrawal.utc),
+            "withdrawn_by": None if stored.withdrawal is None else stored.withdrawal.person,
+            "withdrawn_because": None if stored.withdrawal is None else stored.withdrawal.reason,
+            "cycle": str(stored.record.cycle), "concession": str(stored.record.uuid),
+        }
+        for stored in history.concessions
+    ]  # fmt: skip
     happened: list[TableRow] = [
         {
             "time": shown_time(event.utc), "station": event.station, "severity": str(event.severity),
@@ -230,6 +243,7 @@ def _explaining(history: VinHistory) -> list[Section]:
         for shot in history.shots
     ]  # fmt: skip
     found = (
+        ("concessions", "Concessions, which change no verdict", released, "No concession."),
         ("calibrations", "Calibrations it rests on", calibrations, "No calibration."),
         ("checks", "Checks of these calibrations", checks, "No check."),
         ("zeros", "Zero measurements that were subtracted", zeros, "No zero measurement."),
@@ -237,7 +251,10 @@ def _explaining(history: VinHistory) -> list[Section]:
         ("events", "Events around the measurements", happened, "No event."),
         ("images", "Archived images", shots, "No image was kept."),
     )
-    brief = {"checks": ("time", "calibration", "against", "outcome", "reason")}
+    brief = {
+        "checks": ("time", "calibration", "against", "outcome", "reason"),
+        "concessions": ("granted", "person", "reason", "out_of_limits", "withdrawn"),
+    }
     return [
         Section(name, title, rows, brief=brief.get(name, ()), empty=empty)
         for name, title, rows, empty in found

@@ -27,7 +27,9 @@ from tests.db.example_records import (
     CALIBRATION,
     NOON,
     adjusting,
+    bad_vehicle,
     check,
+    concession,
     cycle,
     installation,
     limits,
@@ -40,6 +42,7 @@ from tests.db.example_records import (
     study,
     study_value,
     wheel,
+    withdrawal,
     zero,
 )
 from tests.once import folder_once
@@ -75,6 +78,11 @@ def fill(store: ResultStore) -> None:
     image = shot(CYCLES[0].uuid)
     store.record_shot(image)
     store.remove_shot(ArchiveRemoval(image.uuid, NOON, "older than 14 days"))
+    released = bad_vehicle(UUID(int=9))
+    store.write_cycle(released)
+    granted = concession(released.uuid)
+    store.grant_concession(granted)
+    store.withdraw_concession(withdrawal(granted.uuid))
 
 
 @folder_once
@@ -138,7 +146,7 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
     report = check_database(filled, days=None)
     assert report.findings == ()
     # The start of the database is a link of the chain without station.
-    assert {name: end.number for name, end in report.heads.items()} == {"": 7, "EOL-1": 10, "EOL-2": 1}
+    assert {name: end.number for name, end in report.heads.items()} == {"": 8, "EOL-1": 12, "EOL-2": 1}
 
 
 @pytest.mark.parametrize(
@@ -174,7 +182,7 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
         ("gauge_values", "value = value * 0.9"),
         ("archived_shots", "path = '2026-11-22/0002'"),
         ("archive_removals", "reason = 'lost'"),
-        ("vehicles", "vin = 'TRUEWHEEL00000002'"),
+        ("vehicles", "vin = 'TRUEWHEEL0000000' || id"),
         ("stations", "name = 'EOL-3'"),
     ],
 )
@@ -269,7 +277,7 @@ def test_an_auditor_verifies_the_chain_with_the_lines_of_the_documentation(
     lines = section.split("```python\n")[1].split("```")[0].replace("results.db", sqlite_url[10:])
     exec(compile(lines, "docs/database.md", "exec"), {})
     end = check_database(sqlite_url, None).heads["EOL-1"]
-    assert capsys.readouterr().out.splitlines() == [f"link 10 of station EOL-1: {end.hash}"]
+    assert capsys.readouterr().out.splitlines() == [f"link 12 of station EOL-1: {end.hash}"]
     query = section.split("```sql\n")[1].split("```")[0]
     ask_breaks = sqlite3.connect(sqlite_url[10:])
     assert ask_breaks.execute(query).fetchall() == []
@@ -302,7 +310,7 @@ def test_the_same_records_have_the_same_hashes_on_both_databases(
             texts.append(sorted(tuple(row) for row in connection.execute(query)))
         engine.dispose()
     assert texts[0] == texts[1]
-    assert len(texts[0]) == 5
+    assert len(texts[0]) == 6
 
 
 def test_a_column_that_a_later_revision_adds_changes_no_hash() -> None:
@@ -386,7 +394,7 @@ def test_a_database_that_comes_back_with_less_is_not_written_on(
     store.write_cycle(cycle())
     tamper(filled, "DELETE FROM chain_links WHERE chain = 'EOL-1' AND number > 7")
     with pytest.raises(
-        StoreError, match=r"has lost what was stored: link 11 of the chain of station 'EOL-1'"
+        StoreError, match=r"has lost what was stored: link 13 of the chain of station 'EOL-1'"
     ):
         store.write_cycle(cycle())
     # Nor when others have made the chain longer since.
@@ -403,7 +411,7 @@ def test_a_partition_that_was_taken_away_leaves_its_hashes(
     fill(open_store(postgres_url))
     with psycopg.connect(postgres_url, autocommit=True) as server:
         server.execute("ALTER TABLE wheel_results DETACH PARTITION wheel_results_0")
-    seen = "wheel_results: the partition of the cycles 0 to 499999 is not attached, 16 rows of it are known"
+    seen = "wheel_results: the partition of the cycles 0 to 499999 is not attached, 20 rows of it are known"
     (one,) = [finding for finding in findings(postgres_url) if "refer" not in finding]
     assert one.startswith(seen)
     # What is left of these cycles is compared as before.

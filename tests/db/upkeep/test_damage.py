@@ -26,7 +26,9 @@ from tests.db.example_plant import plant
 from tests.db.example_records import (
     CALIBRATION,
     NOON,
+    bad_vehicle,
     check,
+    concession,
     cycle,
     installation,
     limits,
@@ -35,6 +37,7 @@ from tests.db.example_records import (
     station,
     study,
     study_value,
+    withdrawal,
     zero,
 )
 from tests.db.rows.test_chain import EVENT
@@ -80,6 +83,11 @@ def folder_of_sound(folder: Path) -> None:
         image = shot(records[0].uuid)
         store.record_shot(image)
         store.remove_shot(ArchiveRemoval(image.uuid, NOON, "older"))
+        released = bad_vehicle()
+        store.write_cycle(released)
+        granted = concession(released.uuid)
+        store.grant_concession(granted)
+        store.withdraw_concession(withdrawal(granted.uuid))
     engine = make_engine(parse_url(url), timeout_s=5.0)
     update_sums(engine, most=12)
     engine.dispose()
@@ -256,7 +264,7 @@ def test_a_cell_that_is_none_of_its_kind_is_named(
     ],
 )
 def test_a_damaged_row_is_called_damage_and_is_bad_input(damaged: Path, column: str, value: str) -> None:
-    overwrite(damaged, "cycles", column, value, row=24)
+    overwrite(damaged, "cycles", column, value, row=25)
     with ResultStore(f"sqlite:///{damaged}") as store, pytest.raises(StoreDamagedError) as caught:
         store.recent_cycles(1)
     assert "restore the last backup" in str(caught.value)

@@ -24,7 +24,9 @@ from tests.db.example_records import (
     CALIBRATION,
     NOON,
     adjusting,
+    bad_vehicle,
     check,
+    concession,
     cycle,
     geometry,
     installation,
@@ -36,6 +38,7 @@ from tests.db.example_records import (
     steering_axis,
     study,
     study_value,
+    withdrawal,
     zero,
 )
 from tests.db.queries.test_lengths import RECORDS as VEHICLES
@@ -113,7 +116,12 @@ def test_every_kind_of_record_arrives_equal(
     station_store.record_study_values([study_value(planned.uuid), study_value(planned.uuid, trial=2)])
     station_store.record_shot(kept)
     station_store.remove_shot(ArchiveRemoval(kept.uuid, NOON, "the ring is full"))
-    assert ship_all(shipper) == 14
+    released = bad_vehicle()
+    station_store.write_cycle(released)
+    granted = concession(released.uuid)
+    station_store.grant_concession(granted)
+    station_store.withdraw_concession(withdrawal(granted.uuid))
+    assert ship_all(shipper) == 17
     central = open_store(central_url, create=False)
     counts = central.counts()
     assert counts == station_store.counts() | {"plants": 1}
@@ -122,6 +130,8 @@ def test_every_kind_of_record_arrives_equal(
     assert stored.record == measured
     assert central.calibration_checks(CALIBRATION.id)[0].reason == check().reason
     assert central.zeros() != ()
+    (conceded,) = central.concessions([released.uuid])
+    assert (conceded.record, conceded.withdrawal) == (granted, withdrawal(granted.uuid))
     assert ship_all(shipper) == 0
 
 

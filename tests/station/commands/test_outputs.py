@@ -68,6 +68,7 @@ ASKED_ELSEWHERE = {
     "replay",
     "gauge fill", "gauge list", "gauge plan", "gauge type1", "gauge grr", "gauge linearity",
     "gauge stability", "zero list", "zero revoke", "camera health",
+    "concession grant", "concession list", "concession withdraw",
     # Makes what is not there.
     "demo",
 }  # fmt: skip

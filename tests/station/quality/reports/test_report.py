@@ -203,7 +203,7 @@ def test_one_vehicle_comes_with_everything_that_explains_it(asked: Callable[...,
     assert all(row["code"] == "temperature" for row in found["events"])
     assert set(found) == {
         "cycles", "angles", "lengths", "wheels", "calibrations",
-        "checks", "zeros", "stations", "events", "images",
+        "checks", "concessions", "zeros", "stations", "events", "images",
     }  # fmt: skip
 
 
