@@ -13,6 +13,7 @@ from db.queries.cameras import camera_trends
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Shift
 from db.queries.names import KnownNames, known_names, require_known
 from db.queries.reader import ResultReader
+from db.queries.repairs import FirstPass, Repaired, RepairLoop, repair_loop
 from db.queries.series import ValueSeries, cycle_records, value_series
 from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
 from db.queries.studies import gauge_studies, gauge_study, gauge_value_counts
@@ -45,10 +46,13 @@ __all__ = [
     "CharacteristicMoments",
     "CheckOfStation",
     "Filter",
+    "FirstPass",
     "GroupBy",
     "KnownNames",
     "Quantity",
     "ReasonCount",
+    "RepairLoop",
+    "Repaired",
     "ResultReader",
     "Shift",
     "SinceCheck",
@@ -75,6 +79,7 @@ __all__ = [
     "known_names",
     "moments",
     "reasons",
+    "repair_loop",
     "require_known",
     "since_last_good_check",
     "station_names",

@@ -17,6 +17,7 @@ class ReportKind(enum.StrEnum):
     COMPARE = "compare"
     DRIFT = "drift"
     ADJUSTING = "adjusting"
+    REPAIRS = "repairs"
     VIN = "vin"
     SINCE_CHECK = "since-check"
 
@@ -38,6 +39,7 @@ TITLES: Mapping[ReportKind, str] = {
     ReportKind.COMPARE: "Sides and stations compared",
     ReportKind.DRIFT: "Drift",
     ReportKind.ADJUSTING: "Adjusting",
+    ReportKind.REPAIRS: "Repair loop",
     ReportKind.VIN: "One vehicle",
     ReportKind.SINCE_CHECK: "Vehicles since the last good master check",
 }

@@ -14,6 +14,7 @@ from station.quality.reports.adjusting import adjusting_sections
 from station.quality.reports.choices import TITLES, ReportKind, SplitBy
 from station.quality.reports.compare import compare_sections, drift_section
 from station.quality.reports.counts import pareto_section, yield_section
+from station.quality.reports.repairs import repair_sections
 from station.quality.reports.report import Report, Section, in_words
 from station.quality.reports.trace import since_check_sections, vin_sections
 from station.quality.reports.units import by_unit
@@ -129,6 +130,8 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
             return [drift_section(reader, where, asked)]
         case ReportKind.ADJUSTING:
             return adjusting_sections(reader, where)
+        case ReportKind.REPAIRS:
+            return repair_sections(reader, where)
         case ReportKind.SINCE_CHECK:
             return since_check_sections(reader, where)
         case ReportKind.VIN:
