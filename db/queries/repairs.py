@@ -89,7 +89,7 @@ class RepairLoop:
 def repair_loop(reader: ResultReader, where: Filter = EVERYTHING, newest: int = 20_000) -> RepairLoop:
     """First verdicts and what became of them.
 
-    The filter chooses vehicles by their first judged cycle; later cycles count whenever and wherever they were.
+    The filter chooses vehicles by their first judged cycle; later ones count whenever and wherever they were.
     Faults and aborts are no verdicts. At most `newest` vehicles are listed, the newest first.
     """
     judged = _by_vin()

@@ -11,8 +11,9 @@ from db.exports import MINUS
 
 _UNITS = {
     "deg": "°", "arcmin": "′", "percent": "%", "ppm": "ppm", "mm": "mm", "um": "µm", "px": "px", "s": "s",
+    "min": "min",
 }  # fmt: skip
-_DECIMALS = {"deg": 4, "arcmin": 3, "percent": 1, "mm": 3, "px": 3}
+_DECIMALS = {"deg": 4, "arcmin": 3, "percent": 1, "mm": 3, "px": 3, "min": 1}
 _INDICES = ("cp", "cpk", "pp", "ppk")
 _CHANCES = ("p", "normality_p")
 _DIGITS = 5

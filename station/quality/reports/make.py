@@ -14,7 +14,7 @@ from station.quality.reports.adjusting import adjusting_sections
 from station.quality.reports.choices import TITLES, ReportKind, SplitBy
 from station.quality.reports.compare import compare_sections, drift_section
 from station.quality.reports.counts import pareto_section, yield_section
-from station.quality.reports.repairs import repair_sections
+from station.quality.reports.repairs import came_back, repair_sections
 from station.quality.reports.report import Report, Section, in_words
 from station.quality.reports.trace import since_check_sections, vin_sections
 from station.quality.reports.units import by_unit
@@ -143,7 +143,14 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
                 section
                 for each in ReportKind
                 if each not in (ReportKind.ALL, ReportKind.VIN)
-                for section in _sections(reader, each, where, options)
-                # Most stations guide nobody.
-                if section.rows or each is not ReportKind.ADJUSTING
+                for section in _worth_telling(each, _sections(reader, each, where, options))
             ]
+
+
+def _worth_telling(kind: ReportKind, sections: list[Section]) -> list[Section]:
+    """What a report of everything says of one kind: few stations guide, and few vehicles come back."""
+    if kind is ReportKind.ADJUSTING:
+        return [section for section in sections if section.rows]
+    if kind is ReportKind.REPAIRS and not came_back(sections):
+        return []
+    return sections

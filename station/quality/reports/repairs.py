@@ -18,6 +18,11 @@ def repair_sections(reader: ResultReader, where: Filter) -> list[Section]:
     return [_first_pass(found), _vehicles(found.repaired)]
 
 
+def came_back(sections: Sequence[Section]) -> bool:
+    """Whether the loop has anything to tell that the yield does not: a second look, or a concession."""
+    return any(row["attempts"] != 1 or row["released_by"] for row in sections[-1].rows)
+
+
 def _first_pass(found: RepairLoop) -> Section:
     rows = [_pass_row("all", "all", found.first)] if found.first else []
     rows += [_pass_row(each.station, each.vehicle_type, [each]) for each in found.first]
@@ -81,8 +86,8 @@ def _vehicles(found: Sequence[Repaired]) -> Section:
             "repair_median_min": float(np.median(times)) if times else None,
             "repair_p95_min": float(np.quantile(times, 0.95)) if times else None,
         },
-        f"Newest {NEWEST} vehicles that were not ok at first or were judged more than once, by the trigger of "
-        "their first verdict. Time to repair: from that one to the first that was good.",
+        f"Newest {NEWEST} vehicles that were not ok at first or were judged more than once, by the trigger "
+        "of their first verdict. Time to repair: from that one to the first that was good.",
         brief=("vin", "station", "found", "as_found", "attempts", "as_left", "repair_min", "released_by"),
         empty="Every vehicle was good at first, and none came back.",
     )

@@ -112,7 +112,8 @@ def test_the_report_says_share_times_and_who_released(reader: ResultReader, tmp_
 
 def test_nobody_was_judged(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'r.db'}"
-    ResultStore(url, create=True).close()
+    with ResultStore(url, create=True):
+        pass
     with ResultReader(url) as empty:
         report = make_report(empty, ReportKind.REPAIRS, Filter(), ReportOptions(), NOW)
     assert [section.rows for section in report.sections] == [[], []]
