@@ -160,7 +160,7 @@ class FitterAtWork:
         self._fitter, self._rng = fitter, rng
         self._left = 0.0
         self._turning: str | None = None
-        self._loose: str | None = None
+        self._loose: set[str] = set()
         self._locking: str | None = None
         self._rested_s = 0.0
 
@@ -171,7 +171,8 @@ class FitterAtWork:
             self._rested_s += dt_s
             if self._turning == name and self._rested_s < self._fitter.rest_s:
                 return
-            self._turning, self._loose = name, name
+            self._turning = name
+            self._loose.add(name)
             self._left = turns * (1.0 + self._fitter.error * self._rng.standard_normal())
         self._rested_s = 0.0
         step = math.copysign(min(abs(self._left), self._fitter.speed * dt_s), self._left)
@@ -186,8 +187,8 @@ class FitterAtWork:
             self.turn(self._turning, self._left, dt_s)
 
     def lock(self, name: str, dt_s: float) -> None:
-        """Begin to lock a nut that is loose."""
-        self._left, self._locking = 0.0, name if self._loose == name else None
+        """Begin to lock a nut that is loose; others may stay so."""
+        self._left, self._locking = 0.0, name if name in self._loose else None
         self.wait(dt_s)
 
     def wait(self, dt_s: float) -> None:
@@ -197,5 +198,6 @@ class FitterAtWork:
         if self._locking is not None and self._rested_s >= self._fitter.rest_s:
             self.wheel = self.wheel.locked(self._locking, self._rng)
             self.locked[self._locking] += 1
-            self._loose = self._turning = self._locking = None
+            self._loose.discard(self._locking)
+            self._turning = self._locking = None
             self._rested_s = 0.0

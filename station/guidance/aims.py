@@ -191,6 +191,22 @@ class Aims:
         both = min(max(by_rod * by_bolt, -0.5), 0.5)
         return (middle - by_rod * (self.toe.middle - rest.toe) - both * rest.camber) / (1.0 - both)
 
+    def bolt_before_lock(self, rest: Rest) -> bool:
+        """Whether camber would be outside with the nut of the tie rod locked here, and a bolt can help.
+
+        A turn of the rod moves camber by what nobody knew before it was turned. The bolt is turned while the
+        rod's nut is loose, for it moves toe too, and toe is set once more before that nut is locked.
+        """
+        if ROD not in self.known or BOLT not in self.known:
+            return False
+        rod = self.known[ROD]
+        after = rest.camber + rod.reaction.ratio * rod.expected
+        inside = Room(self.camber.low + self.settings.still, self.camber.high - self.settings.still)
+        if inside.half < 0.0 or inside.holds(after):
+            return False
+        aim = self.aim(BOLT, rest, rod_follows=True)
+        return self.reach(BOLT, rest, aim) is OutOfReach.NONE and not self.at_end(BOLT, rest, aim)
+
     def rod_follows(self, rest: Rest, wanted: ToTurn) -> bool:
         """Whether the tie rod will have to be turned after the camber bolt."""
         if ROD not in self.known or BOLT not in self.known:

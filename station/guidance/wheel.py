@@ -67,6 +67,22 @@ class NutCorrection:
     locked: float | None = None
 
 
+@dataclass(frozen=True)
+class _LeftLoose:
+    """A tie rod whose nut stays loose until the camber bolt is set.
+
+    Attributes
+    ----------
+    begun
+        Where the wheel rested before the rod was turned.
+    correction
+        As far as it came.
+    """
+
+    begun: Rest
+    correction: NutCorrection
+
+
 class WheelGuide:
     """Guides whoever adjusts one wheel.
 
@@ -113,6 +129,7 @@ class WheelGuide:
         self._seen = False
         self.found: Rest | None = None
         self._closed: list[NutCorrection] = []
+        self._loose: _LeftLoose | None = None
         self.count = 0
 
     @property
@@ -133,9 +150,10 @@ class WheelGuide:
     @property
     def corrections(self) -> tuple[NutCorrection, ...]:
         """So far; the last one with what is known of it by now."""
-        if self._kind is AdjusterKind.NONE or self._begun is None:
-            return tuple(self._closed)
-        return (*self._closed, self._correction())
+        open_ones = [] if self._loose is None else [self._loose.correction]
+        if self._kind is not AdjusterKind.NONE and self._begun is not None:
+            open_ones.append(self._correction())
+        return (*self._closed, *open_ones)
 
     def take(
         self, reading: WheelReading, *, allowed: bool = True, asked: frozenset[str] = frozenset()
@@ -220,6 +238,9 @@ class WheelGuide:
         self.found = self.found or rest
         if self._state is GuidanceState.CHECK and self._taken is not None:
             self._locked = self._main(rest)
+        if self._loose is not None:
+            self._lock_rod(self._loose, rest, reading.time_s)
+            return
         wanted = self._aims.wanted(reading, rest, asked, turned=self.count > 0)
         if self._good >= self._settings.readings and not (wanted.camber or wanted.toe):
             self._state, self._reason = GuidanceState.DONE, OutOfReach.NONE
@@ -241,13 +262,31 @@ class WheelGuide:
             self._state, self._reason = GuidanceState.WAITING, OutOfReach.NONE
         else:
             assert isinstance(chosen, AdjusterKind)
-            self._kind, self._rod_follows = chosen, follows
-            self._begun, self._taken, self._locked = rest, None, None
+            self._rod_follows = follows
             self.count += 1
-            self._state, self._reason = GuidanceState.TURN, OutOfReach.NONE
-            self._rest_at(rest, reading.time_s)
-            # What was at rest before anything was turned says nothing of where to lock.
-            self._still.clear()
+            self._begin(chosen, rest, rest, reading.time_s)
+
+    def _begin(self, kind: AdjusterKind, begun: Rest, rest: Rest, time_s: float) -> None:
+        """Have an adjuster turned, in a correction that began at `begun`."""
+        self._kind, self._begun, self._taken, self._locked = kind, begun, None, None
+        self._state, self._reason = GuidanceState.TURN, OutOfReach.NONE
+        self._rest_at(rest, time_s)
+        # What was at rest before anything was turned says nothing of where to lock.
+        self._still.clear()
+
+    def _leave_loose(self, rest: Rest, time_s: float) -> None:
+        """Have the camber bolt turned before the tie rod's nut is locked."""
+        assert self._begun is not None
+        self._loose = _LeftLoose(self._begun, self._correction())
+        self._rod_follows = True
+        self.count += 1
+        self._begin(BOLT, rest, rest, time_s)
+
+    def _lock_rod(self, loose: _LeftLoose, rest: Rest, time_s: float) -> None:
+        """Go on with a tie rod whose nut is loose: toe is set once more, and the nut locked in any case."""
+        self._close()
+        self._loose = None
+        self._begin(ROD, loose.begun, rest, time_s)
 
     def _free(self, time_s: float, rest: Rest | None) -> None:
         """Look whether an adjuster that was at its end moves on, or the wheel came inside."""
@@ -302,6 +341,9 @@ class WheelGuide:
             self._rest_at(rest, time_s)
         if self._state is GuidanceState.HOLD:
             if abs(self._aim(rest) - self._main(rest)) <= _RELEASED * window:
+                if self._kind is ROD and self._aims.bolt_before_lock(rest):
+                    self._leave_loose(rest, time_s)
+                    return
                 self._state, self._since_s = GuidanceState.LOCK_NUT, time_s
                 self._anchor, self._taken = rest, self._main(rest)
             return

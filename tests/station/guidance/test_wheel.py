@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import pytest
 
+from station.guidance.aims import Aims
 from station.guidance.drift import Drift
-from station.guidance.plan import GuidanceSettings, WheelReading
+from station.guidance.plan import AdjusterPlan, GuidanceSettings, WheelPlan, WheelReading
 from station.guidance.states import GUIDANCE_STATES
+from station.guidance.stillness import Rest
+from station.guidance.wheel import Advice
 from station.guidance.words import AdjusterKind, GuidanceState, OutOfReach, TurnDirection
-from tests.station.guidance.walk import ARCMIN, BOLT, ROD, Walk, bolt, rod
+from tests.station.guidance.walk import ARCMIN, BOLT, ROD, SIX, Walk, bolt, rod
 
 S = GuidanceState
 
@@ -382,6 +385,87 @@ def test_camber_is_judged_by_where_the_tie_rod_will_leave_it(camber: float, adju
     walk = Walk(with_rod=rod(across=8.0), with_bolt=bolt())
     advice = walk.at(camber, 40.0, 4)
     assert (advice.state, advice.adjuster) == (S.TURN, adjuster)
+
+
+def rod_at_its_aim_with_camber_at(camber: float, walk: Walk) -> Advice:
+    """A rod that moved camber by more than was stated; the operator stopped at the aim."""
+    assert walk.at(0.0, 20.0, 4).adjuster is ROD
+    assert walk.at(camber, 0.0).state is S.HOLD
+    return walk.at(camber, 0.0, 4)
+
+
+@pytest.mark.parametrize(("camber", "turns"), [(8.0, -8.0 / 30.0), (-8.0, 8.0 / 30.0)])
+def test_camber_that_the_rod_carried_away_is_turned_before_the_nut_of_the_rod_is_locked(
+    camber: float, turns: float
+) -> None:
+    """It was locked, camber found outside and turned, and the rod loosened for what that did to toe."""
+    walk = Walk(with_rod=rod(), with_bolt=bolt())
+    told = rod_at_its_aim_with_camber_at(camber, walk)
+    assert (told.state, told.adjuster) == (S.TURN, BOLT)
+    assert told.turns == approx(turns, within=0.05)
+    assert [(each.adjuster, each.taken) for each in walk.guide.corrections] == [(ROD, None), (BOLT, None)]
+    turned_to(walk, 0.0)
+    # The bolt is locked and all is inside: the rod's nut is loose all the same.
+    told = walk.at(1.0, 0.0, 20)
+    assert told.adjuster is ROD
+    assert told.state is S.LOCK_NUT
+    assert walk.at(1.0, 1.5, 20).state is S.DONE
+    by_rod, by_bolt = sorted(walk.guide.corrections, key=lambda each: each.adjuster is BOLT)
+    assert (by_rod.adjuster, by_bolt.adjuster) == (ROD, BOLT)
+    assert by_rod.locked == approx(1.5 * ARCMIN)
+    assert by_bolt.locked == approx(1.0 * ARCMIN)
+    # Loosened, turned and locked once each.
+    assert walk.guide.count == 2
+
+
+def test_a_rod_left_loose_is_told_of_when_the_adjusting_ends_there() -> None:
+    walk = Walk(with_rod=rod(), with_bolt=bolt())
+    rod_at_its_aim_with_camber_at(8.0, walk)
+    left, begun = walk.guide.corrections
+    assert (left.adjuster, left.locked) == (ROD, None)
+    assert left.turns == approx(-0.5, within=0.05)
+    assert begun.adjuster is BOLT
+
+
+def aims(drift: float = 0.0, u95: float = 0.5, **adjusters: AdjusterPlan) -> Aims:
+    known = Drift(drift * ARCMIN, 9.0 * ARCMIN)
+    plan = WheelPlan("front_left", SIX, SIX, adjusters.get("with_rod"), adjusters.get("with_bolt"))
+    found = Aims.of(plan, GuidanceSettings(), {ROD: known, BOLT: known})
+    found.look(u95 * ARCMIN, u95 * ARCMIN)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("camber", "known"),
+    [
+        # Inside, by more than what counts as a movement.
+        (4.6, aims(with_rod=rod(), with_bolt=bolt())),
+        # Nothing could be done about it.
+        (8.0, aims(with_rod=rod())),
+        (8.0, aims(with_bolt=bolt())),
+        # The limits leave nothing to aim at.
+        (8.0, aims(with_rod=rod(), with_bolt=bolt(), u95=5.0)),
+        # Out of the bolt's reach: the check says so.
+        (8.0, aims(with_rod=rod(), with_bolt=bolt(main=0.1, turns=0.5))),
+    ],
+    ids=["inside", "no bolt", "no rod", "no room", "out of reach"],
+)
+def test_a_rod_is_locked_where_the_bolt_has_nothing_to_do(camber: float, known: Aims) -> None:
+    assert not known.bolt_before_lock(Rest(camber * ARCMIN, 0.0))
+
+
+def test_a_bolt_at_its_end_does_not_keep_the_rod_loose() -> None:
+    known = aims(with_rod=rod(), with_bolt=bolt(turns=1.0))
+    assert known.bolt_before_lock(Rest(8.0 * ARCMIN, 0.0))
+    known.known[BOLT].shift = -30.0 * ARCMIN
+    assert not known.bolt_before_lock(Rest(8.0 * ARCMIN, 0.0))
+
+
+def test_what_locking_the_rod_adds_to_camber_counts_before_it_is_locked() -> None:
+    """4′ of camber are inside; the nut adds 6′ of toe, of which the axle makes 3′ of camber."""
+    known = aims(6.0, with_rod=rod(across=20.0), with_bolt=bolt())
+    assert known.bolt_before_lock(Rest(4.0 * ARCMIN, -6.0 * ARCMIN))
+    assert not known.bolt_before_lock(Rest(-4.0 * ARCMIN, -6.0 * ARCMIN))
 
 
 def test_camber_without_an_adjuster_is_turned_by_a_tie_rod_that_moves_both() -> None:
