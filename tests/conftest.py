@@ -12,12 +12,13 @@ import pytest
 from hypothesis import settings
 
 from benchmarks.postgres_server import PostgresServer, binaries, postgres_server, temporary_folder
-from tests import once
+from tests import once, statements
 from tests.turns import SLOW_S, in_turns
 
 settings.register_profile("truewheel", deadline=None, derandomize=True)
 settings.load_profile("truewheel")
 
+TESTS = Path(__file__).resolve().parent
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 MEMORY, MEMORY_NEEDED = Path("/dev/shm"), 4e9
 TEMPORARY = "PYTEST_DEBUG_TEMPROOT"
@@ -38,6 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # No test searches the network for cameras: where emulated ones are asked for, pylon looks for no others.
     os.environ.setdefault("PYLON_CAMEMU", "6")
+    statements.share()
     # Nothing that is made while tests are collected is garbage.
     gc.disable()
 
@@ -48,12 +50,34 @@ def pytest_xdist_auto_num_workers() -> int:
     return cores + 2
 
 
+def worker_count() -> int:
+    """How many processes run the tests."""
+    return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+
+
+def worker_number() -> int:
+    """Which of them this is, from 0."""
+    return int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Let each process of a whole run begin to read the tests somewhere else.
+
+    pytest compiles each file of tests for whoever reads it first, so that all compile a share of them.
+    """
+    if hasattr(session.config, "workerinput") and session.config.args == session.config.getini("testpaths"):
+        files = sorted(str(path) for path in TESTS.rglob("test_*.py"))
+        first = len(files) * worker_number() // worker_count()
+        session.config.args[:] = files[first:] + files[:first]
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let every process begin with its share of the files with slow tests, those that take longest first.
 
     Each begins with a piece of the list, all pieces equally long, and takes from others when it has ended.
     """
-    items[:] = in_turns(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+    items[:] = in_turns(items, worker_count())
 
 
 def pytest_collection_finish() -> None:

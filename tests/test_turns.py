@@ -60,6 +60,12 @@ def test_each_process_begins_with_a_slow_file_and_has_as_much_of_them_as_the_oth
     assert [sum(map(seconds, piece)) for piece in pieces] == [40.0, 25.0, 17.0]
 
 
+@pytest.mark.parametrize("processes", [1, 4])
+def test_processes_that_read_the_files_in_another_order_get_the_same_list(processes: int) -> None:
+    half = next(place for place, test in enumerate(TESTS) if test.path == Path("d"))
+    assert in_turns(TESTS[half:] + TESTS[:half], processes) == in_turns(TESTS, processes)
+
+
 def test_one_process_begins_with_what_takes_longest() -> None:
     slow = [test.path.name for test in in_turns(TESTS, 1) if test.slow is not None]
     assert slow == ["b", "e", "f", "d"]

@@ -34,9 +34,10 @@ def in_turns(items: Sequence[T], processes: int) -> list[T]:
     """Return the tests so that equal pieces of the list, one for each process, begin with equal work.
 
     Files stay together, the longest first; what is not slow fills the pieces up and is what others take over.
+    In which order the files were read does not matter: every process gets the same list.
     """
     files: dict[Path, list[T]] = {}
-    for item in items:
+    for item in sorted(items, key=lambda item: item.path):
         files.setdefault(item.path, []).append(item)
     work = {path: sum(map(seconds, tests)) for path, tests in files.items()}
     pieces: list[list[T]] = [[] for _ in range(processes)]

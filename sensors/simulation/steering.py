@@ -96,10 +96,13 @@ class SteeredVehicle:
 
     def at(self, steer: float) -> Vehicle:
         """Return the vehicle with its steering turned by the rack, radians, positive to the left."""
-        corners = {wheel: self._lowered(wheel, corner) for wheel, corner in self.straight.corners.items()}
-        for wheel, angle in self.wheel_angles(steer).items():
-            corners[wheel] = self._turned(wheel, corners[wheel], angle)
-        return replace(self.straight, corners=corners)
+        return replace(self.straight, corners={w: self.corner_at(steer, w) for w in self.straight.corners})
+
+    def corner_at(self, steer: float, wheel: str) -> Corner:
+        """Return one corner of `at`."""
+        corner = self._lowered(wheel, self.straight.corners[wheel])
+        angle = self.wheel_angles(steer).get(wheel)
+        return corner if angle is None else self._turned(wheel, corner, angle)
 
     def axis(self, wheel: str) -> tuple[Array, Array]:
         """Direction (3,), upward, and where it meets the road (3,); vehicle's own frame, straight ahead."""

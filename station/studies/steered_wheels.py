@@ -130,7 +130,7 @@ def states(vehicle: SteeredVehicle, steers: Sequence[float]) -> Array:
     """(N, 5) camber, toe and reference point of the tyre plane at angles of the rack, without any error."""
     out = []
     for steer in steers:
-        corner = vehicle.at(steer).corners[WHEEL]
+        corner = vehicle.corner_at(steer, WHEEL)
         camber, toe = corner.angles
         side = side_of_wheel(WHEEL)
         plane = replace(corner.pose, camber=camber, toe=toe).vehicle_from_tyre(side)[:, 2]

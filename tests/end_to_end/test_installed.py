@@ -95,7 +95,7 @@ def of_one_rig(station: Path) -> Path:
     return path
 
 
-@pytest.mark.slow(24)
+@pytest.mark.slow(32)
 def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path: Path) -> None:
     """The wheel carried no configurations: outside of a checkout these verbs ended with status 2."""
     assert "wrote" in run(program, tmp_path, "init", "home")

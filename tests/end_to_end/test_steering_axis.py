@@ -24,7 +24,7 @@ def ran(arguments: list[str], capsys: pytest.CaptureFixture[str], status: int) -
     return told.out if status != 2 else told.err
 
 
-@pytest.mark.slow(30)
+@pytest.mark.slow(18)
 def test_the_page_s_sweep_finds_the_axes_of_both_front_wheels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

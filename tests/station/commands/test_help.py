@@ -16,8 +16,14 @@ NUMBERS = {"INTEGER": "1", "NUMBER": "1"}
 EXAMPLE = re.compile(r"(?<=: )-?\d+(?: -?\d+)+(?=\.)")
 
 
+@functools.cache
+def program() -> Any:
+    """The command line, built once."""
+    return get_command(app)
+
+
 def commands(command: Any = None, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    command = command or get_command(app)
+    command = command or program()
     if not hasattr(command, "commands"):
         yield path
     for name in getattr(command, "commands", {}):
@@ -30,7 +36,7 @@ COMMANDS = tuple(commands())
 @functools.cache
 def command_of(path: tuple[str, ...]) -> Any:
     """As the program finds it: with the names that it gives to values."""
-    command: Any = get_command(app)
+    command: Any = program()
     context = command.make_context("truewheel", list(path), resilient_parsing=True)
     for name in path:
         command = command.get_command(context, name)

@@ -8,7 +8,7 @@ from station.cycle.modes.guiding import Guiding
 from station.studies.adjusting import STUDY
 
 
-@pytest.mark.slow(20)
+@pytest.mark.slow
 def test_vehicles_out_of_their_limits_end_inside_and_bent_ones_are_named() -> None:
     found = STUDY.run(1, True, lambda fraction, text: None)
     assert not found.missed

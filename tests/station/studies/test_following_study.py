@@ -20,7 +20,7 @@ def off(frame: FollowedFrame, arcmin: float) -> FollowedFrame:
     return replace(frame, followed=(frame.whole[0], frame.whole[1] + arcmin * ARCMIN))
 
 
-@pytest.mark.slow(30)
+@pytest.mark.slow
 def test_a_rendered_wheel_is_followed_to_the_angles_of_whole_measurements() -> None:
     result = STUDY.run(3, True, lambda done, doing: None)
     assert not result.missed, [(str(goal), result.figures[goal.figure]) for goal in result.missed]
