@@ -9,7 +9,7 @@ PYTEST := $(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 # Where it is set, every process of every run would read all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help setup demo test test-fast lint coverage studies mutants bench clean
+.PHONY: help setup demo test test-fast lint coverage studies mutants bench wheel sbom release-notes clean
 
 help:
 	@echo "make demo     install what is missing and run a simulated line: trigger, measurement, record, answer"
@@ -20,6 +20,9 @@ help:
 	@echo "make studies  the long accuracy studies, and docs/accuracy.md from them"
 	@echo "make mutants  mutation testing of the verdict, of straight ahead and ride height, and of the line's handshake"
 	@echo "make bench    the program against its peers, in one run"
+	@echo "make wheel    the wheel of the last commit, the same bits wherever it is built"
+	@echo "make sbom     its bill of materials, CycloneDX; PACKAGES=FOLDER adds the hashes of downloaded packages"
+	@echo "make release-notes  what CHANGELOG.md says of VERSION=, Unreleased if none is named"
 	@echo "make setup    only install, into .venv"
 	@echo "make clean    remove .venv"
 
@@ -63,6 +66,16 @@ mutants: setup
 bench: setup
 	@$(BIN)/python -m benchmarks.measure_wheel; status=$$?; \
 		$(BIN)/python -m benchmarks.calibration && $(BIN)/python -m benchmarks.cameras && exit $$status
+
+# Needs nothing compiled.
+wheel: $(INSTALLED)
+	$(BIN)/python -m tools.wheel
+
+sbom: wheel
+	$(BIN)/python -m tools.sbom $(if $(PACKAGES),--packages "$(PACKAGES)")
+
+release-notes: $(INSTALLED)
+	@$(BIN)/python -m tools.release_notes $(or $(VERSION),Unreleased)
 
 clean:
 	rm -rf $(VENV)

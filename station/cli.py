@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import sys
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -46,6 +45,7 @@ from station.commands.simulate import simulate_app
 from station.commands.simulate_vehicle import simulate_vehicle_command
 from station.commands.steering import simulate_steering_command, steering_axis_command
 from station.commands.study import study
+from station.commands.version import print_version
 from station.commands.warm_up import warm_up
 from station.commands.words import Running, Verbs
 from station.commands.zero import zero_app
@@ -100,11 +100,18 @@ app.add_typer(concession_app, name="concession", cls=Verbs)
 
 @app.callback(cls=Verbs, invoke_without_command=True)
 def _truewheel(
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+    show_version: Annotated[
+        bool, typer.Option("--version", help="Print the versions of all parts and end.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="With --version: one JSON object.")] = False,
 ) -> None:
     if show_version:
-        typer.echo(version("truewheel"))
+        print_version(as_json=as_json)
         raise typer.Exit
+    if as_json:
+        raise ConfigurationError(
+            field="--json", expected="it behind a command, or with --version", seen="it before the command"
+        )
 
 
 @app.command()

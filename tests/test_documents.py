@@ -30,7 +30,7 @@ from station.configuration.vehicle_types import VehicleType
 from tests.documents import DOCUMENTS, ROOT, Fence, fences
 from tests.station.quality.conftest import folder_of_month
 
-PAGES = (*DOCUMENTS, ROOT / "CONTRIBUTING.md")
+PAGES = (*DOCUMENTS, ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md")
 # What a page tells its reader to write.
 NEW = {"alignment/calibration/geometric.py", "configs/vehicles/roadster.toml"}
 FOLDERS = "alignment|sensors|db|station|configs|tests|tools|benchmarks|docs"
@@ -117,8 +117,10 @@ def shell_is_understood(fence: Fence, folder: Path) -> None:
     for line in fence.text.replace("\\\n", " ").splitlines():
         words = shlex.split(line, comments=True)
         match words:
-            case ["make", target]:
-                assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+            case ["make", target, *given]:
+                makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+                assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE)
+                assert all(f"$({variable.partition('=')[0]})" in makefile for variable in given), line
             case [".venv/bin/truewheel" | "truewheel" | "/opt/truewheel/bin/truewheel", *arguments]:
                 understood(arguments)
             case ["useradd" | "chown" | "cp", *_]:
@@ -369,5 +371,7 @@ def understood(arguments: list[str]) -> None:
     while hasattr(command, "resolve_command"):
         context = command.make_context(command.name, arguments, parent=context)
         rest = [*context._protected_args, *context.args]
+        if not rest and command.invoke_without_command:
+            return
         _, command, arguments = command.resolve_command(context, rest)
     command.make_context(command.name, arguments, parent=context)

@@ -12,6 +12,7 @@ from station.cli import commands
 ROOT = Path(__file__).resolve().parents[1]
 EXCEPTIONS = {
     "db/upkeep/backups.py": "options of pg_dump and pg_restore, which it runs",
+    "station/running/parts.py": "options of git, which it runs",
     "station/line/tools/document_text.py": "page of the line interface, whose reader types these commands",
 }
 """Modules that may name an option or a command outside of `station.commands`, and why."""

@@ -21,6 +21,10 @@ from .choices import Conclusion as Conclusion
 from .choices import Contribution as Contribution
 from .choices import GrrMethod as GrrMethod
 from .choices import RuleSet as RuleSet
+from .forecasts import LEAST_TIMES as LEAST_TIMES
+from .forecasts import Crossing as Crossing
+from .forecasts import DriftFit as DriftFit
+from .forecasts import fit_drift as fit_drift
 from .grr_study import ACCEPTABLE_PERCENT as ACCEPTABLE_PERCENT
 from .grr_study import CONDITIONAL_PERCENT as CONDITIONAL_PERCENT
 from .grr_study import LEAST_NDC as LEAST_NDC

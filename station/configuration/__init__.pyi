@@ -9,6 +9,7 @@ from .health import HealthOptions as HealthOptions
 from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
 from .measure import MeasureOptions as MeasureOptions
+from .places import SHIPPED as SHIPPED
 from .places import default_config as default_config
 from .places import own_config as own_config
 from .places import own_configuration as own_configuration

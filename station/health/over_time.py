@@ -8,7 +8,10 @@ from itertools import groupby
 
 import numpy as np
 
+from alignment.errors import DegenerateInputError
+from alignment.statistics import LEAST_TIMES, DriftFit, fit_drift
 from db.records import CameraFigure
+from station.health.figures import Figure
 
 _HOURS_PER_MONTH = 24.0 * 30.0
 
@@ -34,6 +37,9 @@ class Trend:
         with less than three days.
     days
         Of each: whole hours since 1970 of its begin, and its mean.
+    drift
+        A line through the means of the days in time (days since 1970) and the camera's own temperature, where
+        it tells one; None with too few days, and where nobody can tell the two apart.
     """
 
     camera: str
@@ -45,12 +51,17 @@ class Trend:
     maximum: float
     per_month: float | None
     days: tuple[tuple[int, float], ...]
+    drift: DriftFit | None = None
 
 
 def trends(figures: Iterable[CameraFigure]) -> tuple[Trend, ...]:
     """Return the trend of each camera and figure, by their names; those without a day have none."""
     found = []
     order = sorted(figures, key=lambda one: one.which)
+    warmth: dict[str, dict[int, float]] = {}
+    for one in order:
+        if one.figure == Figure.TEMPERATURE and one.hours == 24:
+            warmth.setdefault(one.camera, {})[one.start] = one.mean
     for (camera, figure), group in groupby(order, key=lambda one: (one.camera, one.figure)):
         rows = list(group)
         days = [row for row in rows if row.hours == 24]
@@ -68,6 +79,7 @@ def trends(figures: Iterable[CameraFigure]) -> tuple[Trend, ...]:
                 max(day.maximum for day in days),
                 _per_month(days),
                 tuple((day.start, day.mean) for day in days),
+                _drift(days, {} if figure == Figure.TEMPERATURE else warmth.get(camera, {})),
             )
         )
     return tuple(found)
@@ -80,3 +92,18 @@ def _per_month(days: list[CameraFigure]) -> float | None:
     # The deviation of a mean falls with the root of the number, and that is how polyfit weighs.
     weights = np.sqrt([day.n for day in days])
     return float(np.polyfit(months, [day.mean for day in days], 1, w=weights)[0])
+
+
+def _drift(days: list[CameraFigure], warmth: dict[int, float]) -> DriftFit | None:
+    """Fit the means of the days; with the temperature, over the days that have one, where enough do."""
+    known = [day for day in days if day.start in warmth]
+    used = known if len(known) >= LEAST_TIMES else days
+    if len(used) < LEAST_TIMES:
+        return None
+    times = np.array([day.start / 24.0 for day in used])
+    values = np.array([day.mean for day in used])
+    temperatures = np.array([warmth[day.start] for day in used]) if used is known else None
+    try:
+        return fit_drift(times, values, temperatures)
+    except DegenerateInputError:
+        return None

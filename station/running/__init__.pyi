@@ -6,3 +6,5 @@ from .checking import check_configuration as check_configuration
 from .composition import OpenStation as OpenStation
 from .composition import open_station as open_station
 from .light import with_light as with_light
+from .parts import Parts as Parts
+from .parts import parts_of_program as parts_of_program

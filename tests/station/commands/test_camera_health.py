@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from db.records import CameraFigure
@@ -109,3 +111,58 @@ def test_days_with_more_shots_weigh_more() -> None:
     assert disturbed.per_month is not None
     assert equal.per_month is not None
     assert disturbed.per_month < 0.1 * equal.per_month
+
+
+@pytest.fixture
+def warm(tmp_path: Path) -> str:
+    """A residual that grows by 1 mpx a day and follows the temperature of its camera by 2 mpx each kelvin."""
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    rng = np.random.default_rng(7)
+    with ResultStore(url, create=True) as store:
+        figures = []
+        for ago in range(60, -1, -1):
+            kelvin = 40.0 + 3.0 * math.sin(ago / 3.0) - 0.05 * ago
+            residual = 0.1 + 0.001 * (60 - ago) + 0.002 * (kelvin - 40.0) + 0.001 * rng.standard_normal()
+            figures += [day(ago, residual, "row_px"), day(ago, kelvin, "temperature_c")]
+        store.add_camera_figures("EOL-1", figures)
+    return url
+
+
+def test_what_follows_temperature_is_told_apart_and_the_limit_s_day_is_forecast(
+    warm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = json.loads(called(capsys, "--database", warm, "--json", "--limit", "row_px=0.2")[1])
+    [row, warmth] = said["trends"]
+    assert row["per_kelvin"] == pytest.approx(0.002, abs=3 * row["per_kelvin_deviation"])
+    assert row["drift_per_month"] == pytest.approx(0.03, abs=3 * row["drift_per_month_deviation"])
+    # Warming adds to what a line in time alone finds.
+    assert row["per_month"] > row["drift_per_month"] + 3 * row["drift_per_month_deviation"]
+    # At the mean temperature of 38.5 °C: 0.2 = 0.1 − 0.003 + 0.001 · days, so 103 days after the first.
+    due = datetime.fromtimestamp(TODAY * 3600, UTC) + timedelta(days=43)
+    early, late = (datetime.fromisoformat(row["reached"][end] + "T00:00Z") for end in ("earliest", "latest"))
+    assert early - timedelta(days=2) <= due <= late + timedelta(days=2)
+    assert early < late < early + timedelta(days=20)
+    assert (warmth["limit"], warmth["reached"], warmth["per_kelvin"]) == (None, None, None)
+    out = called(capsys, "--database", warm, "--limit", "row_px=0.2")[1]
+    assert "limit reached" in " ".join(out.split())
+
+
+def test_a_limit_that_nothing_drifts_to_has_no_day(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = f"sqlite:///{tmp_path / 'results.db'}"
+    rng = np.random.default_rng(3)
+    with ResultStore(url, create=True) as store:
+        store.add_camera_figures(
+            "EOL-1", [day(ago, 0.1 + 0.01 * rng.standard_normal(), "row_px") for ago in range(60)]
+        )
+    [row] = json.loads(called(capsys, "--database", url, "--json", "--limit", "row_px=0.2")[1])["trends"]
+    assert (row["limit"], row["reached"]) == (0.2, None)
+
+
+@pytest.mark.parametrize("given", ["row_px", "row_px=", "row=0.2", "row_px=nan", "row_px=1e999", "=0.2", ""])
+def test_a_limit_that_is_none_is_refused(warm: str, given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = called(capsys, "--database", warm, "--limit", given)
+    assert (status, out) == (2, "")
+    assert "--limit" in err
+    assert "row_px" in err
