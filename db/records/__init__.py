@@ -12,6 +12,22 @@ from db.records.calibrations import (
     ZeroRevocation,
 )
 from db.records.cameras import HOUR_S, CameraFigure, CameraSerial
+from db.records.doubts import (
+    MASTER_AFTER_CAMERA,
+    MASTER_AFTER_FAULT,
+    MASTER_GOOD,
+    MASTER_OUT,
+    MASTER_OUTCOMES,
+    MASTER_REFUSED,
+    MASTER_RELEASED,
+    ClosedBy,
+    DoubtClosing,
+    DoubtRecord,
+    StoredDoubt,
+    master_source,
+    person_named,
+    reason_given,
+)
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
@@ -59,6 +75,13 @@ from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringReco
 __all__ = [
     "GEOMETRY_LIMITED",
     "HOUR_S",
+    "MASTER_AFTER_CAMERA",
+    "MASTER_AFTER_FAULT",
+    "MASTER_GOOD",
+    "MASTER_OUT",
+    "MASTER_OUTCOMES",
+    "MASTER_REFUSED",
+    "MASTER_RELEASED",
     "OF_AXLE",
     "OF_GEOMETRY",
     "OF_STEERING",
@@ -80,8 +103,11 @@ __all__ = [
     "CameraSerial",
     "CheckKind",
     "CheckOutcome",
+    "ClosedBy",
     "CycleOutcome",
     "CycleRecord",
+    "DoubtClosing",
+    "DoubtRecord",
     "EventRecord",
     "GaugeStudyRecord",
     "GaugeValueRecord",
@@ -98,6 +124,7 @@ __all__ = [
     "SteeringAxisRecord",
     "SteeringRecord",
     "StoredCycle",
+    "StoredDoubt",
     "StoredGaugeStudy",
     "StoredShot",
     "StoredWheel",
@@ -116,5 +143,8 @@ __all__ = [
     "ZeroRevocation",
     "check_text",
     "judge_angle",
+    "master_source",
     "missed_limit",
+    "person_named",
+    "reason_given",
 ]

@@ -20,6 +20,7 @@ from alignment.errors import InputError
 from alignment.vehicle import ThrustSign
 from db.records.adjusting import AdjustingRecord
 from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
+from db.records.doubts import StoredDoubt
 from db.records.geometry import GeometryRecord
 from db.records.plain import check_values
 from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord
@@ -387,10 +388,11 @@ class EventRecord:
 
 @dataclass(frozen=True)
 class StoredCycle:
-    """A cycle read back: what was written, and when the store committed it."""
+    """A cycle read back: what was written, when the store committed it, and doubt about its wheels."""
 
     record: CycleRecord
     stored_utc: datetime
+    doubts: tuple[StoredDoubt, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,14 @@ from db.rows.chain import (
     row_name,
     rows_text,
 )
+from db.rows.doubts import write_doubts
 from db.rows.filled import as_before
 from db.rows.plant import changed
 from db.rows.reading import (
     CYCLES,
+    DOUBTS,
     KIND_OF,
+    OPEN_DOUBT,
     PORTION,
     RECORD_OF_KIND,
     REMOVALS,
@@ -27,6 +30,7 @@ from db.rows.reading import (
     STATIONS,
     STUDY_VALUES,
     ZEROS,
+    doubts_of_cycles,
     flat_values,
     key_of,
     load_records,
@@ -34,6 +38,7 @@ from db.rows.reading import (
     newest_zeros_of,
     query_of,
     read_cycles,
+    read_doubts,
     read_stations,
     read_zeros,
     record_of,
@@ -42,10 +47,12 @@ from db.rows.writing import insert_rows, write_cycles, write_record
 
 __all__ = [
     "CYCLES",
+    "DOUBTS",
     "FILLED",
     "KEPT_HOURS",
     "KIND_OF",
     "NOTHING_BEFORE",
+    "OPEN_DOUBT",
     "PARTS",
     "PORTION",
     "RECORD_OF_KIND",
@@ -62,6 +69,7 @@ __all__ = [
     "changed",
     "content_names",
     "digest",
+    "doubts_of_cycles",
     "figure_of",
     "first_figures",
     "flat_values",
@@ -74,6 +82,7 @@ __all__ = [
     "newest_zeros_of",
     "query_of",
     "read_cycles",
+    "read_doubts",
     "read_stations",
     "read_zeros",
     "record_of",
@@ -82,5 +91,6 @@ __all__ = [
     "rows_text",
     "serials",
     "write_cycles",
+    "write_doubts",
     "write_record",
 ]

@@ -19,6 +19,8 @@ from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
@@ -28,6 +30,7 @@ from db.records import (
     SteeringAxisRecord,
     SteeringRecord,
     StoredCycle,
+    StoredDoubt,
     StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
@@ -44,6 +47,8 @@ from db.schema import (
     calibration_checks,
     calibrations,
     cycles,
+    doubt_closings,
+    doubts,
     events,
     gauge_studies,
     gauge_values,
@@ -125,6 +130,10 @@ INSTALLATIONS = (
     .join(rigs, installations.c.rig_id == rigs.c.id)
     .join(stations, rigs.c.station_id == stations.c.id)
 )
+_ENDS = {name: doubt_closings.c[name].label(f"closing_{name}") for name in doubt_closings.columns.keys()}  # noqa: SIM118
+DOUBTS = select(doubts, *_ENDS.values()).outerjoin(doubt_closings, doubt_closings.c.doubt == doubts.c.uuid)
+OPEN_DOUBT = doubt_closings.c.doubt.is_(None)
+"""Condition on `DOUBTS`: those that nothing has ended."""
 LIMITS = select(vehicle_type_limits, stations.c.name.label("station")).join(
     stations, vehicle_type_limits.c.station_id == stations.c.id
 )
@@ -191,6 +200,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     steering = _results(connection, steering_results, SteeringRecord, ids)
     axes = _results(connection, steering_axis_results, SteeringAxisRecord, ids)
     turned = _results(connection, adjusting_results, AdjustingRecord, ids)
+    doubted = doubts_of_cycles(connection, [row["uuid"] for row in rows])
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -206,8 +216,29 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             steering_axes=tuple(axes[row["id"]]),
             adjustings=tuple(turned[row["id"]]),
         )
-        found.append(StoredCycle(record, row["stored_utc"]))
+        found.append(StoredCycle(record, row["stored_utc"], doubted.get(record.uuid, ())))
     return tuple(found)
+
+
+def read_doubts(connection: Connection, query: Select[Any]) -> tuple[StoredDoubt, ...]:
+    """Doubts with their ends; `query` extends `DOUBTS`."""
+    found = []
+    for row in connection.execute(query).mappings():
+        ended = row["closing_doubt"] is not None
+        end = {name: row[label.name] for name, label in _ENDS.items() if name != "stored_utc"}
+        found.append(StoredDoubt(record_of(DoubtRecord, row), DoubtClosing(**end) if ended else None))
+    return tuple(found)
+
+
+def doubts_of_cycles(connection: Connection, uuids: Iterable[UUID]) -> dict[UUID, tuple[StoredDoubt, ...]]:
+    """The doubts about each of these cycles, by wheel; a cycle without any is left out."""
+    wanted = list(uuids)
+    found: dict[UUID, list[StoredDoubt]] = {}
+    for start in range(0, len(wanted), PORTION):
+        query = DOUBTS.where(doubts.c.cycle.in_(wanted[start : start + PORTION])).order_by(doubts.c.wheel)
+        for doubt in read_doubts(connection, query):
+            found.setdefault(doubt.record.cycle, []).append(doubt)
+    return {cycle: tuple(of) for cycle, of in found.items()}
 
 
 def read_stations(connection: Connection, query: Select[Any]) -> tuple[StationRecord, ...]:
@@ -248,9 +279,17 @@ RECORD_OF_KIND: dict[str, type] = {
     "study_value": GaugeValueRecord,
     "shot": ArchivedShotRecord,
     "removal": ArchiveRemoval,
+    "doubt": DoubtRecord,
+    "doubt_closing": DoubtClosing,
 }
 KIND_OF = {record: name for name, record in RECORD_OF_KIND.items()}
-_KEYS = {"calibration": "id", "zero": "id", "revocation": "zero_id", "removal": "shot"}
+_KEYS = {
+    "calibration": "id",
+    "zero": "id",
+    "revocation": "zero_id",
+    "removal": "shot",
+    "doubt_closing": "doubt",
+}
 _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "cycle": (CYCLES, cycles.c.uuid),
     "station": (STATIONS, station_versions.c.uuid),
@@ -265,6 +304,8 @@ _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "study_value": (STUDY_VALUES, gauge_values.c.uuid),
     "shot": (SHOTS, archived_shots.c.uuid),
     "removal": (REMOVALS, archived_shots.c.uuid),
+    "doubt": (select(doubts), doubts.c.uuid),
+    "doubt_closing": (select(doubt_closings), doubt_closings.c.doubt),
 }
 
 

@@ -19,6 +19,8 @@ from db.records import (
     CalibrationCheckRecord,
     CalibrationRecord,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
@@ -38,6 +40,8 @@ from db.schema import (
     calibrations,
     chain_links,
     cycles,
+    doubt_closings,
+    doubts,
     events,
     gauge_studies,
     gauge_values,
@@ -62,6 +66,7 @@ _NAMES = {
     "shot": "archived shot",
     "removal": "removal of an archived shot",
     "revocation": "revocation",
+    "doubt_closing": "end of a doubt",
     "station": "station version",
 }
 
@@ -311,4 +316,6 @@ _WRITERS: dict[type, Callable[[Connection, Any], _Prepared]] = {
     InstallationRecord: _installation,
     ArchivedShotRecord: _shot,
     ArchiveRemoval: _removal,
+    DoubtRecord: _plain(doubts, "uuid"),
+    DoubtClosing: _plain(doubt_closings, "doubt"),
 }

@@ -10,6 +10,7 @@ from db.schema.adjusting import adjusting_results
 from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
 from db.schema.cameras import camera_history, camera_serials
 from db.schema.chain import chain_links
+from db.schema.doubts import doubt_closings, doubts
 from db.schema.geometry import geometry_results
 from db.schema.levels import part_column, results_of
 from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
@@ -69,6 +70,8 @@ __all__ = [
     "chain_links",
     "counted_categories",
     "cycles",
+    "doubt_closings",
+    "doubts",
     "events",
     "gauge_studies",
     "gauge_values",

@@ -53,6 +53,8 @@ TABLES = {
     "study_value": "gauge_values",
     "shot": "archived_shots",
     "removal": "archive_removals",
+    "doubt": "doubts",
+    "doubt_closing": "doubt_closings",
 }
 
 

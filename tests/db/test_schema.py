@@ -30,6 +30,8 @@ from db.schema import (
     calibration_checks,
     calibrations,
     cycles,
+    doubt_closings,
+    doubts,
     geometry_results,
     metadata,
     outbox,
@@ -51,6 +53,8 @@ from tests.db.example_records import (
     check,
     corrected_wheel,
     cycle,
+    doubt,
+    doubt_closing,
     geometry,
     installation,
     limits,
@@ -81,7 +85,8 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             url = stack.enter_context(request.getfixturevalue("postgres_server").database())
         with ResultStore(url, create=True) as store:
             store.record_calibration(CALIBRATION)
-            store.record_check(check())
+            checked = check()
+            store.record_check(checked)
             store.record_zero(zero())
             store.revoke_zero(revocation())
             measured = cycle(
@@ -97,6 +102,9 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_study_values([study_value(planned.uuid)])
             store.record_shot(kept)
             store.remove_shot(ArchiveRemoval(kept.uuid, NOON, "the ring is full"))
+            spoken = doubt(measured.uuid, checked.uuid)
+            store.record_found(lambda connection: [spoken])
+            store.record_found(lambda connection: [doubt_closing(spoken.uuid)])
             store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
         engine = make_engine(parse_url(url), timeout_s=5.0)
         with engine.begin() as connection:
@@ -135,9 +143,17 @@ def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None
         values = {"cycle_id": 99} | values
     if table is zero_revocations:
         connection.execute(zero_measurements.insert().values(**COMPLETE[zero_measurements]))
+    if table in (doubts, doubt_closings):
+        connection.execute(cycles.insert().values(**cycle_row(uuid=DOUBTED.cycle)))
+        checked = COMPLETE[calibration_checks] | {"uuid": DOUBTED.check_uuid}
+        connection.execute(calibration_checks.insert().values(**checked))
+    if table is doubt_closings:
+        connection.execute(doubts.insert().values(**COMPLETE[doubts]))
+        values = values | {"doubt": DOUBTED.uuid}
     connection.execute(table.insert().values(**values))
 
 
+DOUBTED = doubt(uuid4(), uuid4())
 CORRECTED = flat_values(corrected_wheel())
 UNCHECKED: dict[str, Any] = {
     "straight_ahead": "not_checked", "reason_text": "no angle was told", "steer": None, "steer_u": None,
@@ -291,6 +307,15 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (adjusting_results, "possible_times", {"begun_s": -0.1}),
     (adjusting_results, "possible_times", {"ended_s": 2.0}),
     (adjusting_results, "operator_not_empty", {"operator": ""}),
+    (doubts, "station_not_empty", {"station": ""}),
+    (doubts, "wheel_not_empty", {"wheel": ""}),
+    (doubts, "reason_not_empty", {"reason": ""}),
+    (doubt_closings, "closed_by", {"closed_by": "nobody", "person": None}),
+    (doubt_closings, "good_check_is_named", {"check_uuid": DOUBTED.check_uuid}),
+    (doubt_closings, "good_check_is_named", {"closed_by": "good_check", "person": None}),
+    (doubt_closings, "person_is_named", {"person": None}),
+    (doubt_closings, "person_not_empty", {"person": ""}),
+    (doubt_closings, "reason_not_empty", {"reason": ""}),
     (calibrations, "validity", {"valid_until_utc": NOON}),
     (calibration_checks, "has_figures", {"as_found": None}),
     (calibration_checks, "reason_not_empty", {"reason": ""}),
@@ -318,6 +343,8 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     calibration_checks: flat_values(check()) | {"stored_utc": NOON, "uuid": uuid4()},
     zero_measurements: flat_values(zero("zero-2")) | {"stored_utc": NOON},
     zero_revocations: flat_values(revocation("zero-2")) | {"stored_utc": NOON},
+    doubts: flat_values(DOUBTED) | {"stored_utc": NOON},
+    doubt_closings: flat_values(doubt_closing(DOUBTED.uuid)) | {"stored_utc": NOON},
     vehicles: {},
 }
 

@@ -29,6 +29,8 @@ from tests.db.example_records import (
     adjusting,
     check,
     cycle,
+    doubt,
+    doubt_closing,
     installation,
     limits,
     refused_wheel,
@@ -60,7 +62,8 @@ def fill(store: ResultStore) -> None:
     store.record_calibration(CALIBRATION)
     store.describe_station(station(configuration={"a": [1, 2.0, -0.0, 1e22, 1e23, 0.1, True, None]}),
                            (limits(),), (installation(),))  # fmt: skip
-    store.record_check(check(as_left={"x": 1e-300}))
+    checked = check(as_left={"x": 1e-300})
+    store.record_check(checked)
     store.record_zero(zero(toe=0, camber=-0.0))
     store.revoke_zero(revocation())
     for record in CYCLES:
@@ -69,6 +72,9 @@ def fill(store: ResultStore) -> None:
                             measured_monotonic_s=None, wheels=(), axles=(), vehicle_angles=None,
                             reason_code="store", reason_text="disk\nfull"))  # fmt: skip
     store.record_event(EVENT)
+    spoken = doubt(CYCLES[0].uuid, checked.uuid)
+    store.record_found(lambda connection: [spoken])
+    store.record_found(lambda connection: [doubt_closing(spoken.uuid)])
     planned = study()
     store.plan_study(planned)
     store.record_study_values([study_value(planned.uuid)])
@@ -138,7 +144,7 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
     report = check_database(filled, days=None)
     assert report.findings == ()
     # The start of the database is a link of the chain without station.
-    assert {name: end.number for name, end in report.heads.items()} == {"": 7, "EOL-1": 10, "EOL-2": 1}
+    assert {name: end.number for name, end in report.heads.items()} == {"": 7, "EOL-1": 12, "EOL-2": 1}
 
 
 @pytest.mark.parametrize(
@@ -174,6 +180,9 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
         ("gauge_values", "value = value * 0.9"),
         ("archived_shots", "path = '2026-11-22/0002'"),
         ("archive_removals", "reason = 'lost'"),
+        ("doubts", "reason = 'nothing'"),
+        ("doubts", "wheel = 'rear_left'"),
+        ("doubt_closings", "person = 'B. Example'"),
         ("vehicles", "vin = 'TRUEWHEEL00000002'"),
         ("stations", "name = 'EOL-3'"),
     ],
@@ -269,7 +278,7 @@ def test_an_auditor_verifies_the_chain_with_the_lines_of_the_documentation(
     lines = section.split("```python\n")[1].split("```")[0].replace("results.db", sqlite_url[10:])
     exec(compile(lines, "docs/database.md", "exec"), {})
     end = check_database(sqlite_url, None).heads["EOL-1"]
-    assert capsys.readouterr().out.splitlines() == [f"link 10 of station EOL-1: {end.hash}"]
+    assert capsys.readouterr().out.splitlines() == [f"link 12 of station EOL-1: {end.hash}"]
     query = section.split("```sql\n")[1].split("```")[0]
     ask_breaks = sqlite3.connect(sqlite_url[10:])
     assert ask_breaks.execute(query).fetchall() == []
@@ -386,7 +395,7 @@ def test_a_database_that_comes_back_with_less_is_not_written_on(
     store.write_cycle(cycle())
     tamper(filled, "DELETE FROM chain_links WHERE chain = 'EOL-1' AND number > 7")
     with pytest.raises(
-        StoreError, match=r"has lost what was stored: link 11 of the chain of station 'EOL-1'"
+        StoreError, match=r"has lost what was stored: link 13 of the chain of station 'EOL-1'"
     ):
         store.write_cycle(cycle())
     # Nor when others have made the chain longer since.
