@@ -242,8 +242,8 @@ class MeasuringCycle:
         """Hold results that were told until they are acknowledged, and be ready again or not."""
         if cycle.committed_s is not None:
             # After the answer, which must not wait for it.
-            for severity, value_mm, text in run_out_notes(evaluation):
-                self._ledger.note(severity, "run_out", text, cycle.uuid, value_mm)
+            self._ledger.note_run_outs(run_out_notes(evaluation), cycle.uuid)
+            self._duty.after_answer()
         self._drain(cycle)
         after = StationState.FAULT if self._needs_reset(cycle, evaluation) else StationState.IDLE
         if cycle.told is not None:

@@ -228,6 +228,11 @@ class Ledger:
             return False
         return True
 
+    def note_run_outs(self, notes: Iterable[tuple[Severity, float, str]], cycle: UUID) -> None:
+        """Record what there is to say of the run-outs of a cycle."""
+        for severity, value_mm, text in notes:
+            self.note(severity, "run_out", text, cycle, value_mm)
+
     def close(self) -> None:
         """Wait within the bound for what is owed, and end the thread; a call that hangs is left to itself."""
         if self._owed:

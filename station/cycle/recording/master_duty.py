@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Protocol
 
 from alignment.counting import count_of
@@ -109,6 +110,7 @@ class MasterDuty:
         self._asked: Future[tuple[int, int, int]] | None = None
         self._next_s = 0.0
         self._stale = self._unsettled = self._at_fault = False
+        self._follows: Callable[[], None] | None = None
         self._reached: Mapping[str, int] = {}
 
     @property
@@ -160,13 +162,16 @@ class MasterDuty:
         outcomes = self._outcomes(cycle, record, checks) if is_master and self._masters is not None else ()
         committed_s = self._ledger.commit(record, checks, outcomes)
         if self._masters is not None:
-            if committed_s is None:
-                self._stale = True
-            elif is_master:
-                self._checked(outcomes)
-            else:
-                self._measured(record)
+            self._stale |= committed_s is None
+            follows = partial(self._checked, outcomes) if is_master else partial(self._measured, record)
+            self._follows = None if committed_s is None else follows
         return committed_s
+
+    def after_answer(self) -> None:
+        """Heed what the cycle says, once the line was told its results, which must not wait for it."""
+        follows, self._follows = self._follows, None
+        if follows is not None:
+            follows()
 
     def entered(self, state: StationState) -> None:
         """Heed a fault, which may ask for a check."""
@@ -349,7 +354,9 @@ class MasterDuty:
         ready = state.ready
         severity = Severity.INFO if state is MasterState.GOOD else Severity.WARNING
         left = _in_words(due.vehicles, due.utc) if ready else "no vehicle is measured before a good one"
-        self._tell(severity, f"master_{state}", f"master check {state.replace('_', ' ')}: {wheels}; {left}")
+        self._tell(
+            severity, f"master_check_is_{state}", f"master check {state.replace('_', ' ')}: {wheels}; {left}"
+        )
 
     def _tell(self, severity: Severity, code: str, text: str, value: float | None = None) -> None:
         _LOG.log(logging.INFO if severity is Severity.INFO else logging.WARNING, "%s", text)

@@ -141,6 +141,6 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
                 for each in ReportKind
                 if each not in (ReportKind.ALL, ReportKind.VIN)
                 for section in _sections(reader, each, where, options)
-                # Most stations guide nobody.
-                if section.rows or each is not ReportKind.ADJUSTING
+                # Most stations guide nobody, and have no vehicle in doubt.
+                if section.rows or (each is not ReportKind.ADJUSTING and section.name != "doubted")
             ]

@@ -15,7 +15,7 @@ from alignment.errors import CameraTimeoutError, StoreUnavailableError
 from db.queries import Filter, ResultReader, doubted_vehicles
 from db.records import CheckKind, CheckOutcome
 from db.store import ResultStore
-from db.upkeep.doubting import MasterBook, release_doubts
+from db.upkeep.doubting import MasterBook, Settled, release_doubts
 from station.cycle.recording.master_duty import Masters
 from station.cycle.words.cycle import ErrorCode, Mode, Prepare, Reset, StationState, Trigger
 from station.duty.plan import DutyPlan
@@ -132,7 +132,7 @@ def test_the_station_warns_before_it_is_not_ready(tmp_path: Path) -> None:
             shown.append((made.shown, made.bench.line.masters[-1].vehicles_left))
         assert shown == [(MasterState.GOOD, 2), (MasterState.DUE_SOON, 1), (MasterState.OVERDUE, 0)]
         assert made.vehicle() is ErrorCode.MASTER_CHECK_OVERDUE
-        assert made.codes[-2:] == ["master_due_soon", "master_overdue"]
+        assert made.codes[-2:] == ["master_check_is_due_soon", "master_check_is_overdue"]
 
 
 def test_time_runs_out_while_nobody_asks(tmp_path: Path) -> None:
@@ -183,6 +183,25 @@ def test_a_failed_check_lists_the_vehicles_at_once_and_stops_the_station(
         assert made.bench.line.masters[-1].doubted == 0
         assert made.doubted == {("front_left", False)}
         assert made.vehicle() is None
+
+
+def test_the_answer_does_not_wait_for_the_doubts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands of vehicles may be in doubt; the controller waits for the result of the master."""
+    with station(tmp_path, EVERY_3) as made:
+        made.check()
+        made.vehicle()
+        settle, log = MasterBook.settle, made.bench.log
+
+        def logged(book: MasterBook, utc: datetime) -> Settled:
+            log.append("settled")
+            return settle(book, utc)
+
+        monkeypatch.setattr(MasterBook, "settle", logged)
+        log.clear()
+        made.check(False)
+        said = [word for word in log if word in ("commit", "results", "settled", "state idle")]
+        assert said.index("results") < said.index("settled") < said.index("state idle")
+        assert made.doubted == {(wheel, True) for wheel in WHEELS}
 
 
 def test_a_restart_finds_every_state_as_it_was(tmp_path: Path) -> None:
