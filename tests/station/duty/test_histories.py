@@ -206,6 +206,11 @@ def test_the_worst_rig_is_the_station() -> None:
     duty = StationDuty(plan, states)
     assert duty.state is MasterState.GOOD
     assert duty.due == Due(3, NOW + timedelta(minutes=50))
+    late = duty.passed(NOW + timedelta(minutes=55))
+    assert {wheel: rig.state for wheel, rig in late.rigs.items()} == {
+        "front_left": MasterState.GOOD,
+        "front_right": MasterState.OVERDUE,
+    }
     duty, deeds = duty.happened(E.CHECK_OUT, ["front_right", "rear_left"], NOW)
     assert (duty.state, deeds) == (MasterState.FAILED, {"front_right": DoubtDeed.DOUBT})
     assert duty.wheels_in(MasterState.FAILED) == ("front_right",)
