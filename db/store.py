@@ -35,6 +35,8 @@ from db.records import (
     ConcessionRecord,
     ConcessionWithdrawal,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
@@ -70,6 +72,7 @@ from db.rows import (
     refuse_concession,
     refuse_withdrawal,
     serials,
+    write_doubts,
     write_record,
 )
 from db.schema import (
@@ -182,6 +185,15 @@ class ResultStore:
     def record_check(self, record: CalibrationCheckRecord) -> None:
         """Store a check; the same again changes nothing, another one of the same UUID is refused."""
         self._write(record)
+
+    def write_master_check(
+        self,
+        record: CycleRecord,
+        checks: Sequence[CalibrationCheckRecord],
+        outcomes: Sequence[EventRecord],
+    ) -> None:
+        """Store a cycle of a master wheel with what it says of the calibrations: all of it, or nothing."""
+        self._write(record, *checks, *outcomes)
 
     def accept_calibration(self, record: CalibrationRecord, check: CalibrationCheckRecord) -> None:
         """Store a calibration together with its figures as found and as left: both or neither.
@@ -325,9 +337,29 @@ class ResultStore:
             added = [record for record in records if write_record(connection, record, self._now())]
         except StoreError as error:
             raise type(error)(f"database {self._where} {error}") from error
+        self._list_for_shipping(connection, added)
+
+    def _list_for_shipping(self, connection: Connection, added: Sequence[Any]) -> None:
         if added and connection.dialect.name == "sqlite":
             rows = [{"kind": KIND_OF[type(record)], "key": key_of(record)} for record in added]
             connection.execute(outbox.insert(), rows)
+
+    def record_found(
+        self,
+        find: Callable[[Connection], Sequence[DoubtRecord | DoubtClosing]],
+        *beside: EventRecord,
+    ) -> Sequence[DoubtRecord | DoubtClosing]:
+        """Store doubts, or ends of doubts, that `find` makes of what is stored: in one transaction with it.
+
+        The events beside are stored with them, and only where something was found. For `db.upkeep.doubting`.
+        """
+        with self._transaction(writes=True) as connection:
+            found = find(connection)
+            if found:
+                write_doubts(connection, found, self._now())
+                self._list_for_shipping(connection, found)
+                self._store(connection, beside)
+        return found
 
     def counts(self) -> dict[str, int]:
         """Number of rows of each table of records, by the table's name; bookkeeping is not counted."""

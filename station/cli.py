@@ -36,6 +36,7 @@ from station.commands.demo import demo
 from station.commands.export import export
 from station.commands.gauge import gauge_app
 from station.commands.line import line_app
+from station.commands.master import master_app
 from station.commands.measure_vehicle import measure_vehicle_command
 from station.commands.output import BAD_INPUT, STATION_FAULT, print_json
 from station.commands.plate import simulate_plate_session_command
@@ -93,6 +94,7 @@ camera_app.command()(exposure)
 app.add_typer(camera_app, name="camera", cls=Verbs)
 app.add_typer(capture_app, name="capture", cls=Verbs)
 app.add_typer(db_app, name="db", cls=Verbs)
+app.add_typer(master_app, name="master", cls=Verbs)
 zero_app.command("measure-vehicle")(measure_vehicle_zeros_command)
 app.add_typer(zero_app, name="zero", cls=Verbs)
 app.add_typer(concession_app, name="concession", cls=Verbs)

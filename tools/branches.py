@@ -18,12 +18,16 @@ from mutate import TESTS
 
 ROOT = Path(__file__).resolve().parents[1]
 DECIDING = TESTS | {
+    **{
+        f"station.duty.{name}": ("tests/station/duty/test_histories.py",)
+        for name in ("plan", "rig", "station", "table", "words")
+    },
     "station.cycle.judging.evaluation": (
         "tests/station/cycle/judging/test_evaluation.py",
         "tests/station/cycle/test_turning_wheels.py",
         "tests/station/cycle/test_vehicle_frame.py",
         "tests/station/cycle/judging/test_corrections.py",
-    )
+    ),
 }
 
 

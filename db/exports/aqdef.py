@@ -312,6 +312,8 @@ def _text(row: AngleRow, happened: Sequence[EventRecord]) -> str:
     """What explains the value, the most important first: long texts are cut."""
     parts = [] if row.u is None else [f"u={row.u:.6f}"]
     parts.append(f"verdict={row.verdict}")
+    if row.doubt:
+        parts.append(row.doubt)
     if row.reason_code:
         parts.append(f"reason={row.reason_code}")
     if row.concession_person is not None:

@@ -63,6 +63,7 @@ def write_vehicle_certificate(
             ("Result", _OUTCOMES[record.outcome] + (f": {record.reason_text}" if record.reason_text else "")),
             *_released(stored.concession),
             *([] if ahead is None else [("Straight ahead", ahead)]),
+            *_doubt_facts(stored),
             ("Station", record.station),
             ("Triggered, stored", f"{_time(record.received_utc)}, {_time(stored.stored_utc)}"),
             ("Software, configuration", f"{record.software_version}, {record.config_hash}"),
@@ -146,6 +147,21 @@ def _released(concession: ConcessionRecord | None) -> list[tuple[str, str]]:
     beyond = ", ".join(name.replace(".", " ").replace("_", " ") for name in concession.exceeded)
     said = f"by {concession.person}, {_time(concession.utc)}: {concession.reason}. Out of limits: {beyond}"
     return [("Released by concession", said)]
+
+
+def _doubt_facts(stored: StoredCycle) -> list[tuple[str, str]]:
+    """What failed master checks said against the result, and who or what has answered for it."""
+    said = []
+    for doubt in stored.doubts:
+        wheel, end = doubt.record.wheel.replace("_", " "), doubt.closing
+        text = f"{wheel}: {doubt.word} since {_time(doubt.record.utc)}: {doubt.record.reason}"
+        if end is not None:
+            text = (
+                f"{wheel}: was in doubt since {_time(doubt.record.utc)} ({doubt.record.reason}); "
+                f"{doubt.word} at {_time(end.utc)}: {end.reason}"
+            )
+        said.append(("Doubt after a failed master check" if end is None else "Doubt, closed", text))
+    return said
 
 
 def _chosen(history: VinHistory, cycle: UUID | None) -> StoredCycle:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -20,6 +20,7 @@ from db.records import (
     LimitSide,
     Quantity,
     StoredCycle,
+    StoredDoubt,
     Unit,
     WheelOutcome,
     WheelRecord,
@@ -90,6 +91,10 @@ class AngleRow:
         Of front toe and the steering wheel: ``checked``, ``not_checked`` or ``refused``.
     concession_person, concession_reason, concession_utc
         Of its cycle, where that is not ok and was released: by whom, why, and when; the verdict stays.
+    doubt
+        Whether a failed master check spoke against what it rests on, and who or what has answered for it:
+        ``in doubt``, ``confirmed by a later check``, ``released by`` a person. None where none did. The
+        verdict is as it was.
     """
 
     cycle: str
@@ -143,6 +148,7 @@ class AngleRow:
     concession_person: str | None = None
     concession_reason: str | None = None
     concession_utc: datetime | None = None
+    doubt: str | None = None
 
     @property
     def value(self) -> float | None:
@@ -198,6 +204,24 @@ class AngleRow:
 
 def angle_rows(stored: StoredCycle) -> Iterator[AngleRow]:
     """Rows of a cycle: wheels by name, then axles, then the vehicle and its geometry."""
+    for row in _rows(stored):
+        yield replace(row, doubt=_doubt(stored, row.part)) if stored.doubts else row
+
+
+def _doubt(stored: StoredCycle, part: str) -> str | None:
+    """Doubt about a part: about its wheel, or about any wheel of the axle or vehicle; what is open first."""
+    found = stored.doubts
+    wheels = [each for each in found if part == VEHICLE or f"{each.record.wheel}_".startswith(f"{part}_")]
+    return min(wheels, key=_openness).word if wheels else None
+
+
+def _openness(doubt: StoredDoubt) -> int:
+    if doubt.closing is None:
+        return 0
+    return 1 if doubt.closing.person is not None else 2
+
+
+def _rows(stored: StoredCycle) -> Iterator[AngleRow]:
     record = stored.record
     common: dict[str, Any] = {
         "cycle": str(record.uuid),

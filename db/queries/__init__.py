@@ -11,11 +11,29 @@ from db.queries.archived import (
 )
 from db.queries.cameras import camera_trends
 from db.queries.filters import EVERYTHING, Characteristic, Filter, Shift
+from db.queries.masters import (
+    DoubtedVehicle,
+    RigSince,
+    StoredCheck,
+    doubted_vehicles,
+    doubts_about,
+    newest_checks,
+    newest_news,
+    open_doubts_before,
+    rigs_since,
+    vehicles_in_doubt,
+)
 from db.queries.names import KnownNames, known_names, require_known
 from db.queries.reader import ResultReader
 from db.queries.repairs import FirstPass, Repaired, RepairLoop, repair_loop
 from db.queries.series import ValueSeries, cycle_records, value_series
-from db.queries.since_check import SinceCheck, VehicleSince, VehiclesSince, since_last_good_check
+from db.queries.since_check import (
+    SinceCheck,
+    VehicleSince,
+    VehiclesSince,
+    checks_and_since,
+    since_last_good_check,
+)
 from db.queries.studies import gauge_studies, gauge_study, gauge_value_counts
 from db.queries.summed import (
     CharacteristicMoments,
@@ -45,6 +63,7 @@ __all__ = [
     "Characteristic",
     "CharacteristicMoments",
     "CheckOfStation",
+    "DoubtedVehicle",
     "Filter",
     "FirstPass",
     "GroupBy",
@@ -54,8 +73,10 @@ __all__ = [
     "RepairLoop",
     "Repaired",
     "ResultReader",
+    "RigSince",
     "Shift",
     "SinceCheck",
+    "StoredCheck",
     "ValueSeries",
     "VehicleSince",
     "VehiclesSince",
@@ -68,9 +89,12 @@ __all__ = [
     "camera_trends",
     "characteristic_moments",
     "checks",
+    "checks_and_since",
     "configuration_in_force",
     "cycle_records",
     "cycles_of_vin",
+    "doubted_vehicles",
+    "doubts_about",
     "events",
     "gauge_studies",
     "gauge_study",
@@ -78,12 +102,17 @@ __all__ = [
     "kept_images",
     "known_names",
     "moments",
+    "newest_checks",
+    "newest_news",
+    "open_doubts_before",
     "reasons",
     "repair_loop",
     "require_known",
+    "rigs_since",
     "since_last_good_check",
     "station_names",
     "value_series",
+    "vehicles_in_doubt",
     "vin_history",
     "wheel_counts",
     "yield_counts",

@@ -32,12 +32,13 @@ from alignment.arrays import Index
 from db.queries.columns import columns_of, objects, plain_time, plain_uuid, times
 from db.queries.filters import EVERYTHING, Filter, about_cycles, at_stations, known_stations
 from db.queries.reader import ResultReader, question
-from db.records import CheckKind, CheckOutcome, CycleOutcome
+from db.records import MASTER_OUTCOMES, CheckKind, CheckOutcome, CycleOutcome
 from db.rows import PORTION
 from db.schema import (
     calibration_checks,
     calibrations,
     cycles,
+    events,
     installations,
     rigs,
     stations,
@@ -143,13 +144,18 @@ def since_last_good_check(reader: ResultReader, where: Filter = EVERYTHING) -> t
     as measured after them: then the clock was set back.
     """
     with reader.transaction() as connection:
-        good = _last_good_checks(connection)
-        groups: _Groups = defaultdict(lambda: defaultdict(list))
-        for station, wheel in _wheels(connection, where):
-            groups[station][good.get((station, wheel))].append(wheel)
-        found = []
-        for part in _portions(groups):
-            found += [*_since_checks(connection, where, part), *_never_checked(connection, where, part)]
+        return checks_and_since(connection, where)
+
+
+def checks_and_since(connection: Connection, where: Filter) -> tuple[SinceCheck, ...]:
+    """As `since_last_good_check`, within a transaction."""
+    good = _last_good_checks(connection)
+    groups: _Groups = defaultdict(lambda: defaultdict(list))
+    for station, wheel in _wheels(connection, where):
+        groups[station][good.get((station, wheel))].append(wheel)
+    found = []
+    for part in _portions(groups):
+        found += [*_since_checks(connection, where, part), *_never_checked(connection, where, part)]
     return tuple(sorted(found, key=_oldest_first))
 
 
@@ -285,6 +291,18 @@ def _source(where: Filter) -> FromClause:
     return cycles.join(vehicles, cycles.c.vehicle_id == vehicles.c.id) if about_vehicles else cycles
 
 
+def _cycles_of_masters(connection: Connection, of_stations: Sequence[str]) -> frozenset[UUID]:
+    """The cycles of these stations that measured a master and no vehicle, as far as that was told."""
+    told = select(events.c.cycle_uuid).where(events.c.cycle_uuid.is_not(None))
+    # One by one each code is found by an index, however many events there are.
+    queries = [
+        told.where(events.c.station == station, events.c.code == code)
+        for station in of_stations
+        for code in MASTER_OUTCOMES
+    ]
+    return frozenset(uuid for query in queries for uuid in connection.execute(query).scalars())
+
+
 class _Rows:
     """Cycles as columns: the rows of a station side by side, in the order of storing.
 
@@ -297,7 +315,7 @@ class _Rows:
     chosen
         Condition: which cycles.
     wanted
-        Which of these are asked for, the others are only looked at; None for all.
+        Which of these are asked for, the others are only looked at; None for all but cycles of masters.
     """
 
     def __init__(
@@ -334,6 +352,9 @@ class _Rows:
         at, (vin, vehicle_type) = self._beside(of_vehicles, vehicle_ids, cycles.c.vehicle_id, source, chosen)
         outcome, cycle = objects(columns[3])[order], objects(columns[4])[order]
         received = times(columns[2])[order]
+        masters = _cycles_of_masters(connection, list(self._stations))
+        if masters:
+            self._wanted &= np.array([UUID(uuid) not in masters for uuid in cycle], dtype=bool)
         self.vehicles = VehiclesSince(received, objects(vin)[at], objects(vehicle_type)[at], outcome, cycle)
 
         self._bits = {name: 1 << number for number, name in enumerate(names)}

@@ -13,6 +13,22 @@ from db.records.calibrations import (
 )
 from db.records.cameras import HOUR_S, CameraFigure, CameraSerial
 from db.records.concessions import ConcessionRecord, ConcessionWithdrawal, StoredConcession
+from db.records.doubts import (
+    MASTER_AFTER_CAMERA,
+    MASTER_AFTER_FAULT,
+    MASTER_GOOD,
+    MASTER_OUT,
+    MASTER_OUTCOMES,
+    MASTER_REFUSED,
+    MASTER_RELEASED,
+    ClosedBy,
+    DoubtClosing,
+    DoubtRecord,
+    StoredDoubt,
+    master_source,
+    person_named,
+    reason_given,
+)
 from db.records.geometry import GeometryRecord, Reference
 from db.records.plain import check_text
 from db.records.quality import (
@@ -60,6 +76,13 @@ from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringReco
 __all__ = [
     "GEOMETRY_LIMITED",
     "HOUR_S",
+    "MASTER_AFTER_CAMERA",
+    "MASTER_AFTER_FAULT",
+    "MASTER_GOOD",
+    "MASTER_OUT",
+    "MASTER_OUTCOMES",
+    "MASTER_REFUSED",
+    "MASTER_RELEASED",
     "OF_AXLE",
     "OF_GEOMETRY",
     "OF_STEERING",
@@ -81,10 +104,13 @@ __all__ = [
     "CameraSerial",
     "CheckKind",
     "CheckOutcome",
+    "ClosedBy",
     "ConcessionRecord",
     "ConcessionWithdrawal",
     "CycleOutcome",
     "CycleRecord",
+    "DoubtClosing",
+    "DoubtRecord",
     "EventRecord",
     "GaugeStudyRecord",
     "GaugeValueRecord",
@@ -102,6 +128,7 @@ __all__ = [
     "SteeringRecord",
     "StoredConcession",
     "StoredCycle",
+    "StoredDoubt",
     "StoredGaugeStudy",
     "StoredShot",
     "StoredWheel",
@@ -120,5 +147,8 @@ __all__ = [
     "ZeroRevocation",
     "check_text",
     "judge_angle",
+    "master_source",
     "missed_limit",
+    "person_named",
+    "reason_given",
 ]

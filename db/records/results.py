@@ -21,6 +21,7 @@ from alignment.vehicle import ThrustSign
 from db.records.adjusting import AdjustingRecord
 from db.records.angle_verdicts import AngleVerdict, Verdict, judge_angle
 from db.records.concessions import ConcessionRecord
+from db.records.doubts import StoredDoubt
 from db.records.geometry import GeometryRecord
 from db.records.plain import check_values
 from db.records.steering import RideHeightWord, SteeringAxisRecord, SteeringRecord
@@ -388,17 +389,20 @@ class EventRecord:
 
 @dataclass(frozen=True)
 class StoredCycle:
-    """A cycle read back: what was written, when the store committed it, and whether it is released.
+    """A cycle read back: what was written, when the store committed it, and what was said of it since.
 
     Attributes
     ----------
     concession
         That which is in force of a vehicle that is not ok; the verdict in the record stays.
+    doubts
+        Of failed master checks about its wheels.
     """
 
     record: CycleRecord
     stored_utc: datetime
     concession: ConcessionRecord | None = None
+    doubts: tuple[StoredDoubt, ...] = ()
 
 
 @dataclass(frozen=True)

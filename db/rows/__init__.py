@@ -16,11 +16,14 @@ from db.rows.chain import (
     rows_text,
 )
 from db.rows.conceding import refuse_concession, refuse_withdrawal
+from db.rows.doubts import write_doubts
 from db.rows.filled import as_before
 from db.rows.plant import changed
 from db.rows.reading import (
     CYCLES,
+    DOUBTS,
     KIND_OF,
+    OPEN_DOUBT,
     PORTION,
     RECORD_OF_KIND,
     REMOVALS,
@@ -28,6 +31,7 @@ from db.rows.reading import (
     STATIONS,
     STUDY_VALUES,
     ZEROS,
+    doubts_of_cycles,
     flat_values,
     key_of,
     load_records,
@@ -36,6 +40,7 @@ from db.rows.reading import (
     query_of,
     read_concessions,
     read_cycles,
+    read_doubts,
     read_stations,
     read_zeros,
     record_of,
@@ -44,10 +49,12 @@ from db.rows.writing import insert_rows, write_cycles, write_record
 
 __all__ = [
     "CYCLES",
+    "DOUBTS",
     "FILLED",
     "KEPT_HOURS",
     "KIND_OF",
     "NOTHING_BEFORE",
+    "OPEN_DOUBT",
     "PARTS",
     "PORTION",
     "RECORD_OF_KIND",
@@ -64,6 +71,7 @@ __all__ = [
     "changed",
     "content_names",
     "digest",
+    "doubts_of_cycles",
     "figure_of",
     "first_figures",
     "flat_values",
@@ -77,6 +85,7 @@ __all__ = [
     "query_of",
     "read_concessions",
     "read_cycles",
+    "read_doubts",
     "read_stations",
     "read_zeros",
     "record_of",
@@ -87,5 +96,6 @@ __all__ = [
     "rows_text",
     "serials",
     "write_cycles",
+    "write_doubts",
     "write_record",
 ]

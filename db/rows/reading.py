@@ -22,6 +22,8 @@ from db.records import (
     ConcessionWithdrawal,
     CycleOutcome,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
@@ -32,6 +34,7 @@ from db.records import (
     SteeringRecord,
     StoredConcession,
     StoredCycle,
+    StoredDoubt,
     StoredZero,
     VehicleAnglesRecord,
     VehicleRecord,
@@ -50,6 +53,8 @@ from db.schema import (
     concession_withdrawals,
     concessions,
     cycles,
+    doubt_closings,
+    doubts,
     events,
     gauge_studies,
     gauge_values,
@@ -139,6 +144,10 @@ INSTALLATIONS = (
     .join(rigs, installations.c.rig_id == rigs.c.id)
     .join(stations, rigs.c.station_id == stations.c.id)
 )
+_ENDS = {name: doubt_closings.c[name].label(f"closing_{name}") for name in doubt_closings.columns.keys()}  # noqa: SIM118
+DOUBTS = select(doubts, *_ENDS.values()).outerjoin(doubt_closings, doubt_closings.c.doubt == doubts.c.uuid)
+OPEN_DOUBT = doubt_closings.c.doubt.is_(None)
+"""Condition on `DOUBTS`: those that nothing has ended."""
 LIMITS = select(vehicle_type_limits, stations.c.name.label("station")).join(
     stations, vehicle_type_limits.c.station_id == stations.c.id
 )
@@ -224,6 +233,7 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
     bad = [row["uuid"] for row in rows if row["outcome"] == CycleOutcome.NOK]
     granted = (stored for stored in read_concessions(connection, bad) if stored.in_force)
     conceded = {stored.record.cycle: stored.record for stored in granted}
+    doubted = doubts_of_cycles(connection, [row["uuid"] for row in rows])
     found = []
     for row in rows:
         vehicle = None if row["vin"] is None else record_of(VehicleRecord, row)
@@ -239,8 +249,30 @@ def read_cycles(connection: Connection, query: Select[Any]) -> tuple[StoredCycle
             steering_axes=tuple(axes[row["id"]]),
             adjustings=tuple(turned[row["id"]]),
         )
-        found.append(StoredCycle(record, row["stored_utc"], conceded.get(record.uuid)))
+        doubt = doubted.get(record.uuid, ())
+        found.append(StoredCycle(record, row["stored_utc"], conceded.get(record.uuid), doubt))
     return tuple(found)
+
+
+def read_doubts(connection: Connection, query: Select[Any]) -> tuple[StoredDoubt, ...]:
+    """Doubts with their ends; `query` extends `DOUBTS`."""
+    found = []
+    for row in connection.execute(query).mappings():
+        ended = row["closing_doubt"] is not None
+        end = {name: row[label.name] for name, label in _ENDS.items() if name != "stored_utc"}
+        found.append(StoredDoubt(record_of(DoubtRecord, row), DoubtClosing(**end) if ended else None))
+    return tuple(found)
+
+
+def doubts_of_cycles(connection: Connection, uuids: Iterable[UUID]) -> dict[UUID, tuple[StoredDoubt, ...]]:
+    """The doubts about each of these cycles, by wheel; a cycle without any is left out."""
+    wanted = list(uuids)
+    found: dict[UUID, list[StoredDoubt]] = {}
+    for start in range(0, len(wanted), PORTION):
+        query = DOUBTS.where(doubts.c.cycle.in_(wanted[start : start + PORTION])).order_by(doubts.c.wheel)
+        for doubt in read_doubts(connection, query):
+            found.setdefault(doubt.record.cycle, []).append(doubt)
+    return {cycle: tuple(of) for cycle, of in found.items()}
 
 
 def read_stations(connection: Connection, query: Select[Any]) -> tuple[StationRecord, ...]:
@@ -283,6 +315,8 @@ RECORD_OF_KIND: dict[str, type] = {
     "removal": ArchiveRemoval,
     "concession": ConcessionRecord,
     "withdrawal": ConcessionWithdrawal,
+    "doubt": DoubtRecord,
+    "doubt_closing": DoubtClosing,
 }
 KIND_OF = {record: name for name, record in RECORD_OF_KIND.items()}
 _KEYS = {
@@ -291,6 +325,7 @@ _KEYS = {
     "revocation": "zero_id",
     "removal": "shot",
     "withdrawal": "concession",
+    "doubt_closing": "doubt",
 }
 _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "cycle": (CYCLES, cycles.c.uuid),
@@ -308,6 +343,8 @@ _SIMPLE: dict[str, tuple[Select[Any], Any]] = {
     "removal": (REMOVALS, archived_shots.c.uuid),
     "concession": (CONCESSIONS, concessions.c.uuid),
     "withdrawal": (WITHDRAWALS, concessions.c.uuid),
+    "doubt": (select(doubts), doubts.c.uuid),
+    "doubt_closing": (select(doubt_closings), doubt_closings.c.doubt),
 }
 
 

@@ -21,6 +21,8 @@ from db.records import (
     ConcessionRecord,
     ConcessionWithdrawal,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     EventRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
@@ -42,6 +44,8 @@ from db.schema import (
     concession_withdrawals,
     concessions,
     cycles,
+    doubt_closings,
+    doubts,
     events,
     gauge_studies,
     gauge_values,
@@ -67,6 +71,7 @@ _NAMES = {
     "removal": "removal of an archived shot",
     "withdrawal": "withdrawal of a concession",
     "revocation": "revocation",
+    "doubt_closing": "end of a doubt",
     "station": "station version",
 }
 
@@ -328,4 +333,6 @@ _WRITERS: dict[type, Callable[[Connection, Any], _Prepared]] = {
     ArchiveRemoval: _removal,
     ConcessionRecord: _concession,
     ConcessionWithdrawal: _withdrawal,
+    DoubtRecord: _plain(doubts, "uuid"),
+    DoubtClosing: _plain(doubt_closings, "doubt"),
 }

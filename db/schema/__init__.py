@@ -11,6 +11,7 @@ from db.schema.base import NAMING_CONVENTION, UtcDateTime, metadata
 from db.schema.cameras import camera_history, camera_serials
 from db.schema.chain import chain_links
 from db.schema.concessions import concession_withdrawals, concessions
+from db.schema.doubts import doubt_closings, doubts
 from db.schema.geometry import geometry_results
 from db.schema.levels import part_column, results_of
 from db.schema.plant import installations, plants, rigs, station_versions, stations, vehicle_type_limits
@@ -72,6 +73,8 @@ __all__ = [
     "concessions",
     "counted_categories",
     "cycles",
+    "doubt_closings",
+    "doubts",
     "events",
     "gauge_studies",
     "gauge_values",

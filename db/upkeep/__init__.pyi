@@ -3,6 +3,9 @@ from .background import StoreHealth as StoreHealth
 from .backups import backup as backup
 from .backups import restore as restore
 from .check import check_database as check_database
+from .doubting import MasterBook as MasterBook
+from .doubting import Settled as Settled
+from .doubting import release_doubts as release_doubts
 from .retention import Policy as Policy
 from .retention import enforce as enforce
 from .retention import kept as kept

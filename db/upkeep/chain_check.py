@@ -57,6 +57,8 @@ TABLES = {
     "removal": "archive_removals",
     "concession": "concessions",
     "withdrawal": "concession_withdrawals",
+    "doubt": "doubts",
+    "doubt_closing": "doubt_closings",
 }
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from sqlalchemy import ColumnElement, Connection, func, select
+from sqlalchemy import ColumnElement, Connection, and_, func, or_, select
 
 from db.records import ArchivedShotRecord, ArchiveRemoval, RetentionClass
 from db.rows import SHOTS, record_of
-from db.schema import archive_removals, archived_shots
+from db.schema import archive_removals, archived_shots, cycles, doubt_closings, doubts
 from db.store import ResultStore
 
 _LOG = logging.getLogger("truewheel.archive")
@@ -101,6 +101,24 @@ def _is_kept() -> ColumnElement[bool]:
     )
 
 
+def _counts_as(retention: RetentionClass) -> ColumnElement[bool]:
+    """Of this class; images of a wheel in doubt count as evidence until the doubt is closed."""
+    doubted = (
+        select(doubts.c.uuid)
+        .join(cycles, cycles.c.uuid == doubts.c.cycle)
+        .outerjoin(doubt_closings, doubt_closings.c.doubt == doubts.c.uuid)
+        .where(
+            cycles.c.id == archived_shots.c.cycle_id,
+            doubts.c.wheel == archived_shots.c.wheel,
+            doubt_closings.c.doubt.is_(None),
+        )
+        .exists()
+    )
+    if retention is RetentionClass.EVIDENCE:
+        return or_(archived_shots.c.retention == retention, doubted)
+    return and_(archived_shots.c.retention == retention, ~doubted)
+
+
 def _leaving(connection: Connection, policy: Policy, now: datetime, most: int) -> tuple[Leaving, ...]:
     found: list[Leaving] = []
     excess = _kept(connection).bytes - policy.most_bytes
@@ -109,7 +127,7 @@ def _leaving(connection: Connection, policy: Policy, now: datetime, most: int) -
         (RetentionClass.EVIDENCE, policy.evidence_days),
     ):
         oldest = (
-            SHOTS.where(_is_kept(), archived_shots.c.retention == retention)
+            SHOTS.where(_is_kept(), _counts_as(retention))
             .order_by(archived_shots.c.archived_utc, archived_shots.c.id)
             .limit(most)
         )

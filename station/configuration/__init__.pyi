@@ -8,6 +8,7 @@ from .environment import damaged_package as damaged_package
 from .health import HealthOptions as HealthOptions
 from .lengths import LengthTolerance as LengthTolerance
 from .limits import Limits as Limits
+from .master_check import MasterCheckOptions as MasterCheckOptions
 from .measure import MeasureOptions as MeasureOptions
 from .places import SHIPPED as SHIPPED
 from .places import default_config as default_config

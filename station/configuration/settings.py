@@ -20,6 +20,7 @@ from sensors.formats import FilePath, Name, StrictModel, load_toml, read_bytes, 
 from sensors.frames import FrameTolerance
 from station.configuration.archive import ArchiveSettings
 from station.configuration.health import HealthOptions
+from station.configuration.master_check import MasterCheckOptions
 from station.configuration.measure import MeasureOptions
 from station.configuration.projectors import projectors_named
 from station.configuration.rigs import MOST_RIGS, RigSettings, drivers_named, rig_model
@@ -271,6 +272,9 @@ class StationConfig(StrictModel):
     measure: MeasureOptions = Field(default=MeasureOptions(), description="Choices of the measurement")
     stand: StandOptions = Field(
         default=StandOptions(), description="The frame of the rigs, and what toe refers to"
+    )
+    master_check: MasterCheckOptions | None = Field(
+        default=None, description="When a check with a master is due; never without"
     )
     zero: ZeroOptions = Field(default=ZeroOptions(), description="What is believed of a zero measurement")
     rigs: tuple[RigSettings, ...] = Field(

@@ -20,6 +20,8 @@ from .ports import Identity as Identity
 from .ports import Line as Line
 from .ports import Observer as Observer
 from .ports import Store as Store
+from .recording import MasterDuty as MasterDuty
+from .recording import Masters as Masters
 from .wheels import CalibrationInForce as CalibrationInForce
 from .wheels import CommonFrame as CommonFrame
 from .wheels import Follower as Follower
@@ -37,6 +39,7 @@ from .words import AXIS_QUANTITIES as AXIS_QUANTITIES
 from .words import GEOMETRY as GEOMETRY
 from .words import GEOMETRY_ANGLES as GEOMETRY_ANGLES
 from .words import NO_GEOMETRY as NO_GEOMETRY
+from .words import NO_MASTER as NO_MASTER
 from .words import NO_STEERING as NO_STEERING
 from .words import NO_SWEEP as NO_SWEEP
 from .words import NOTHING_TOLD as NOTHING_TOLD
@@ -58,6 +61,7 @@ from .words import GuidanceLine as GuidanceLine
 from .words import HeightState as HeightState
 from .words import LiveAngles as LiveAngles
 from .words import LiveState as LiveState
+from .words import MasterShown as MasterShown
 from .words import Mode as Mode
 from .words import Outcome as Outcome
 from .words import Prepare as Prepare

@@ -26,12 +26,19 @@ from station.cycle.modes import (
     CalibrationImages,
     LearnedDrifts,
     RunOutBefore,
-    master_checks,
     sweep_steering,
-    unfit_master,
 )
 from station.cycle.ports import Bounds, CycleReport, Identity, Line, Observer, Store
-from station.cycle.recording import Closing, Held, Ledger, cycle_record, evaluated, run_out_notes
+from station.cycle.recording import (
+    Closing,
+    Held,
+    Ledger,
+    MasterDuty,
+    Masters,
+    cycle_record,
+    evaluated,
+    run_out_notes,
+)
 from station.cycle.states import StateMachine
 from station.cycle.under_way import NO_TROUBLE, CycleUnderWay, Trouble
 from station.cycle.wheel_runs import POLL_S, run_wheels
@@ -87,6 +94,8 @@ class MeasuringCycle:
         Of the rigs, when all stand in one, and what toes refer to.
     series
         Whether single exposures or series of them are measured, where a vehicle type does not say.
+    masters
+        When master checks are due; without it none is asked for.
     """
 
     def __init__(
@@ -105,6 +114,7 @@ class MeasuringCycle:
         threads: Sequence[Watched] = (),
         frame: CommonFrame | None = None,
         series: SeriesChoice | None = None,
+        masters: Masters | None = None,
     ) -> None:
         self._identity, self._frame = identity, frame
         self._positions = {position.name: position for position in positions}
@@ -126,6 +136,7 @@ class MeasuringCycle:
             None if image_folder is None else CalibrationImages(image_folder, self._wheel_threads, bounds)
         )
         self._ledger = Ledger(store, identity, bounds.store_s, clock, now)
+        self._duty = MasterDuty(masters, line, self._ledger, clock, now)
         self._drifts = LearnedDrifts(self._ledger.adjustings)
         self._watch = ThreadWatch([*threads, self._ledger.worker, *self._wheel_threads.workers])
         self._provoked = Coalesced[tuple[Severity, str]](lambda kind, text: self._note(*kind, text), clock)
@@ -151,7 +162,9 @@ class MeasuringCycle:
             When they cannot be recorded.
         """
         self._ledger.begin(position.in_force.record() for position in self._positions.values())
-        self._offer_again()
+        self._duty.begin()
+        if (held := self._ledger.offer_again(self._line)) is not None:
+            self._held, self._machine = held, StateMachine(self._entered, StationState.REPORTING)
         self._line.publish(StationStatus(self.state))
 
     def close(self) -> None:
@@ -181,6 +194,7 @@ class MeasuringCycle:
         """Serve the next command, waiting at most `timeout_s` for it; return the report if it was a cycle."""
         self._provoked.flush_due()
         self._ledger.look()
+        self._duty.look()
         self._wheel_threads.look()
         for text in self._watch.news(self._clock()):
             _LOG.error("%s", text)
@@ -228,8 +242,8 @@ class MeasuringCycle:
         """Hold results that were told until they are acknowledged, and be ready again or not."""
         if cycle.committed_s is not None:
             # After the answer, which must not wait for it.
-            for severity, value_mm, text in run_out_notes(evaluation):
-                self._ledger.note(severity, "run_out", text, cycle.uuid, value_mm)
+            self._ledger.note_run_outs(run_out_notes(evaluation), cycle.uuid)
+            self._duty.after_answer()
         self._drain(cycle)
         after = StationState.FAULT if self._needs_reset(cycle, evaluation) else StationState.IDLE
         if cycle.told is not None:
@@ -278,7 +292,8 @@ class MeasuringCycle:
 
     def _refusal(self, asked: Trigger | Prepare) -> ErrorCode | None:
         images, kinds = self._images is not None, self._vehicle_types
-        return why_declined(asked, self.state, self._positions, kinds, self._frame, images=images)
+        why = why_declined(asked, self.state, self._positions, kinds, self._frame, images=images)
+        return why or self._duty.refuses(asked.mode)
 
     def _measure(self, cycle: CycleUnderWay) -> None:
         """Arm, shoot and measure; whatever happens, `cycle.wheels` has a result of each position."""
@@ -369,11 +384,7 @@ class MeasuringCycle:
 
     def _commit(self, cycle: CycleUnderWay, record: CycleRecord) -> None:
         """Store the record; there is no time of the commit when it is not certain that there was one."""
-        is_master = cycle.trigger.mode is Mode.MASTER_CHECK
-        checks = master_checks(record) if is_master else ()
-        if is_master and (why := unfit_master(record)) is not None:
-            self._note(Severity.WARNING, "no_master", why, cycle)
-        cycle.committed_s = self._ledger.commit(record, checks)
+        cycle.committed_s = self._duty.commit(cycle, record)
         if cycle.committed_s is None:
             cycle.trouble = Trouble(ErrorCode.STORE_FAULT)
         self._poll(cycle)
@@ -404,18 +415,6 @@ class MeasuringCycle:
             if standing is Standing.COMMITTED:
                 why = f"its results were not sent: {error}"
                 cycle.last_word = self._ledger.tell(record, Standing.NOT_COMMITTED, committed=True, why=why)
-
-    def _offer_again(self) -> None:
-        """Hold the last cycle's results when the program ended before the line acknowledged them."""
-        found = self._ledger.unacknowledged()
-        if found is None:
-            return
-        record, standing = found
-        answers = answers_of(record, standing)
-        self._line.restore_results(record.trigger_sequence, answers.wheels, answers.axles, answers.vehicle)
-        self._held = Held(record.trigger_sequence, record.uuid, StationState.IDLE)
-        self._machine = StateMachine(self._entered, StationState.REPORTING)
-        _LOG.warning("results of cycle %s were not acknowledged and are offered again", record.uuid)
 
     def _await_acknowledgement(self) -> None:
         """Wait for a while here, so that a cycle ends in one step; the results stay held beyond it."""
@@ -495,6 +494,7 @@ class MeasuringCycle:
             self._trouble = NO_TROUBLE
         self._line.publish(StationStatus(state, self._trouble.code, self._trouble.wheel))
         self._observer.entered(state)
+        self._duty.entered(state)
 
     def _note(self, severity: Severity, code: str, text: str, cycle: CycleUnderWay | None = None) -> bool:
         return self._ledger.note(severity, code, text, None if cycle is None else cycle.uuid)

@@ -24,6 +24,7 @@ from station.cycle.words import (
     ErrorCode,
     Guidance,
     LiveAngles,
+    MasterShown,
     Outcome,
     StationState,
     StationStatus,
@@ -78,6 +79,10 @@ class Line(Protocol):
         """Show how a sweep goes."""
         ...
 
+    def publish_master(self, master: MasterShown) -> None:
+        """Show where the station stands with its master checks."""
+        ...
+
     def told(self) -> ToldOfVehicle:
         """What was told last of the vehicle's steering wheel and ride heights."""
         ...
@@ -104,6 +109,15 @@ class Store(Protocol):
 
     def record_check(self, record: CalibrationCheckRecord) -> None:
         """Store a check of a calibration."""
+        ...
+
+    def write_master_check(
+        self,
+        record: CycleRecord,
+        checks: Sequence[CalibrationCheckRecord],
+        outcomes: Sequence[EventRecord],
+    ) -> None:
+        """Store a cycle of a master with what it says of the calibrations, durable on return."""
         ...
 
     def cycle(self, uuid: UUID) -> StoredCycle | None:

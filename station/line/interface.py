@@ -31,6 +31,7 @@ from station.cycle import (
     ErrorCode,
     Guidance,
     LiveAngles,
+    MasterShown,
     Mode,
     Outcome,
     Reset,
@@ -46,6 +47,7 @@ from station.cycle import (
 from station.line.asking import heard_in_words, interface_of, known_code, read_asked, refusal_in_words
 from station.line.handshake import Event, Handshake
 from station.line.live import LiveShown, SweepShown
+from station.line.master import MasterOnLine
 from station.line.said import Said, shown_status
 from station.line.told import ToldByController
 from station.line.wire import (
@@ -119,6 +121,7 @@ class StationLine:
         self._blank = blank_frames(database)
         self._live = LiveShown(database, clock, options.live_age_s, self._send)
         self._sweep = SweepShown(database, self._send)
+        self._master = MasterOnLine(database, clock, self._send)
         self._told = ToldByController(database, clock)
         self._said = Said(clock)
         self._link_up = False
@@ -126,8 +129,7 @@ class StationLine:
         self._prepared_s = 0.0
         self._detailed: tuple[ErrorCode, int, str | None, int] | None = None
         self._due: dict[str, float] = {}
-        version = database.interface_version
-        self._info = StationInfo(version, options.software, secrets.randbelow(256))
+        self._info = StationInfo(database.interface_version, options.software, secrets.randbelow(256))
         self._timeout_s = (
             options.communication_timeout_s or database.timeout_s("Command") or COMMUNICATION_TIMEOUT_S
         )
@@ -171,14 +173,8 @@ class StationLine:
     def health(self) -> LineHealth:
         """State of bus, frames and threads."""
         with self._lock:
-            return LineHealth(
-                self._bus.health,
-                self._link.health,
-                self._link_up,
-                self._cyclic.alive,
-                self._cyclic.failures,
-                self._faults,
-            )
+            bus, link, cyclic = self._bus.health, self._link.health, self._cyclic
+            return LineHealth(bus, link, self._link_up, cyclic.alive, cyclic.failures, self._faults)
 
     @property
     def threads(self) -> tuple[SupervisedThread, ...]:
@@ -238,6 +234,12 @@ class StationLine:
                 self._handshake.want(progress.position)
             elif progress.state in (SweepState.DONE, SweepState.FAILED):
                 self._happened(Event.SWEEP_OVER)
+            self._send_status()
+
+    def publish_master(self, master: MasterShown) -> None:
+        """Show where the station stands with its master checks."""
+        with self._lock:
+            self._master.show(master)
             self._send_status()
 
     def told(self) -> ToldOfVehicle:
@@ -345,6 +347,7 @@ class StationLine:
                 self._send_slow("VehicleResult", lambda: self._sent(self._blank))
             self._live.repeat()
             self._sweep.repeat()
+            self._send_slow("MasterCheck", self._master.repeat)
             self._send_slow("StationInfo", lambda: self._send(info_frame(self._database, self._info)))
             self._send_slow("ErrorDetail", self._send_detail)
 
@@ -401,9 +404,8 @@ class StationLine:
         self._sweep.clear()
 
     def _line_status(self) -> LineStatus:
-        return shown_status(
-            self._handshake, self._status, self._said, link_up=self._link_up, alive=self._alive_counter
-        )
+        why, up, alive = self._master.why_not_ready, self._link_up, self._alive_counter
+        return shown_status(self._handshake, self._status, self._said, why, link_up=up, alive=alive)
 
     def _send(self, frame: can.Message) -> bool:
         """Send a frame that comes again; a failure is counted in the health of the bus."""
@@ -433,7 +435,7 @@ class StationLine:
 
     def _send_slow(self, name: str, send: Callable[[], object]) -> None:
         now = self._clock()
-        if now >= self._due.get(name, now):
+        if name in self._database.protected and now >= self._due.get(name, now):
             send()
             self._due[name] = now + (self._database.cycle_time_s(name) or 0.0)
 

@@ -47,7 +47,7 @@ class Said:
 
 
 def shown_status(
-    handshake: Handshake, status: StationStatus, said: Said, *, link_up: bool, alive: int
+    handshake: Handshake, status: StationStatus, said: Said, master: ErrorCode, *, link_up: bool, alive: int
 ) -> LineStatus:
     """Return what the next Status message says.
 
@@ -57,6 +57,8 @@ def shown_status(
         Where handshake and cycle stand.
     said
         Its last refusal is shown where nothing worse is.
+    master
+        Why its master checks keep a station from being ready, shown where nothing else is.
     link_up, alive
         Whether the controller is heard, and the alive counter.
     """
@@ -65,10 +67,12 @@ def shown_status(
         code = ErrorCode.COMMUNICATION_LOST
     if code is ErrorCode.NONE:
         code, code_sequence = said.refusal, said.refused_sequence
+    if code is ErrorCode.NONE and handshake.ready:
+        code, code_sequence = master, 0
     return LineStatus(
         state=status.state,
         sequence=handshake.sequence,
-        ready=handshake.ready and link_up,
+        ready=handshake.ready and link_up and master is ErrorCode.NONE,
         busy=handshake.busy,
         done=handshake.held,
         fault=status.state is StationState.FAULT,

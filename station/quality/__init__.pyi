@@ -1,7 +1,6 @@
 from .cells import heading as heading
 from .cells import on_paper as on_paper
 from .cells import shown as shown
-from .concessions import answering as answering
 from .concessions import exceeded_in_words as exceeded_in_words
 from .concessions import grant as grant
 from .concessions import in_one_line as in_one_line

@@ -10,11 +10,16 @@ from uuid import UUID
 from alignment.errors import InputError
 from db.exports import angle_rows
 from db.queries import ResultReader, vin_history
-from db.records import AngleVerdict, ConcessionRecord, ConcessionWithdrawal, StoredConcession, StoredCycle
+from db.records import (
+    AngleVerdict,
+    ConcessionRecord,
+    ConcessionWithdrawal,
+    StoredConcession,
+    StoredCycle,
+    person_named,
+    reason_given,
+)
 from db.store import ResultStore
-
-SHORTEST_REASON = 10
-"""Characters below which a reason explains nothing to whoever reads it years later."""
 
 
 def grant(
@@ -41,7 +46,7 @@ def grant(
         When nothing is stored of the VIN, or nobody answers for it, or the reason is none; and when the
         vehicle cannot be released: see `ResultStore.grant_concession`.
     """
-    person, reason = answering(person, reason)
+    person, reason = person_named(person), reason_given(reason)
     with ResultReader(database) as reader:
         history = vin_history(reader, vin)
         found = [each for each in history.cycles if cycle is None or each.record.uuid == cycle]
@@ -61,27 +66,10 @@ def withdraw(
     database: str, concession: UUID, person: str, reason: str, now: datetime
 ) -> ConcessionWithdrawal:
     """Take a concession back; both stay stored. Errors as of `grant`."""
-    record = ConcessionWithdrawal(concession, now, *answering(person, reason))
+    record = ConcessionWithdrawal(concession, now, person_named(person), reason_given(reason))
     with ResultStore(database) as store:
         store.withdraw_concession(record)
     return record
-
-
-def answering(person: str, reason: str) -> tuple[str, str]:
-    """Return who answers for something and why, without blanks around.
-
-    Raises
-    ------
-    InputError
-        For no name, or a reason that is too short to be one.
-    """
-    person, reason = person.strip(), reason.strip()
-    if not person or not any(character.isalpha() for character in person):
-        raise InputError(choice="person", expected="the name of a person", seen=repr(person))
-    if len(reason) < SHORTEST_REASON:
-        expected = f"a reason of {SHORTEST_REASON} characters or more"
-        raise InputError(choice="reason", expected=expected, seen=repr(reason))
-    return person, reason
 
 
 def exceeded(stored: StoredCycle) -> dict[str, dict[str, Any]]:

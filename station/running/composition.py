@@ -46,6 +46,7 @@ from station.line.wire import BusSettings, LineBus, LineDatabase, LineOptions, l
 from station.running.cameras import open_rig, takes_again_within_s
 from station.running.frame import common_frame
 from station.running.light import with_light
+from station.running.masters import masters_of
 from station.store import (
     ArchivingObserver,
     ImageArchive,
@@ -175,6 +176,7 @@ def open_station(
             threads=[*line.threads, watch.thread, *([] if archive is None else [archive.thread])],
             frame=frame,
             series=series_choice(settings),
+            masters=masters_of(settings, store.results, whole),
         )
         stack.callback(cycle.close)
         cycle.start()

@@ -13,10 +13,13 @@ from db.records import (
     CalibrationRecord,
     CheckKind,
     CheckOutcome,
+    ClosedBy,
     ConcessionRecord,
     ConcessionWithdrawal,
     CycleOutcome,
     CycleRecord,
+    DoubtClosing,
+    DoubtRecord,
     GaugeStudyRecord,
     GaugeValueRecord,
     GeometryRecord,
@@ -320,6 +323,22 @@ def shot(cycle_uuid: UUID, **changes: Any) -> ArchivedShotRecord:
         "retention": RetentionClass.ORDINARY,
     }
     return ArchivedShotRecord(cycle_uuid, **(values | changes))
+
+
+def doubt(cycle_uuid: UUID, check_uuid: UUID, wheel_name: str = "front_left") -> DoubtRecord:
+    return DoubtRecord.of("EOL-1", cycle_uuid, wheel_name, check_uuid, NOON, "front_left: the master is out")
+
+
+def doubt_closing(doubt_uuid: UUID, **changes: Any) -> DoubtClosing:
+    values: dict[str, Any] = {
+        "station": "EOL-1",
+        "doubt": doubt_uuid,
+        "utc": NOON,
+        "closed_by": ClosedBy.RELEASE,
+        "reason": "measured again",
+        "person": "A. Example",
+    }
+    return DoubtClosing(**(values | changes))
 
 
 def given(record: object) -> dict[str, object]:

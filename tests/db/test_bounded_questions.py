@@ -269,7 +269,7 @@ def test_what_became_of_a_cycle_is_one_question_and_a_row_for_each_answer(
     found = unacknowledged(store, "EOL-1")
     assert found is not None
     assert found[1] is Standing.COMMITTED
-    # The cycle with its wheels, axles, vehicle, geometry, steering, axes and what was turned; its events.
-    assert len(asked.statements) == 9
+    # The cycle, its wheels, axles, vehicle, geometry, steering, axes, what was turned, doubts; its events.
+    assert len(asked.statements) == 10
     of_cycle = 1 + len(last.wheels) + len(last.axles) + 2
     assert asked.records == of_cycle + 1

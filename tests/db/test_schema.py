@@ -32,6 +32,8 @@ from db.schema import (
     concession_withdrawals,
     concessions,
     cycles,
+    doubt_closings,
+    doubts,
     geometry_results,
     metadata,
     outbox,
@@ -55,6 +57,8 @@ from tests.db.example_records import (
     concession,
     corrected_wheel,
     cycle,
+    doubt,
+    doubt_closing,
     geometry,
     installation,
     limits,
@@ -86,7 +90,8 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             url = stack.enter_context(request.getfixturevalue("postgres_server").database())
         with ResultStore(url, create=True) as store:
             store.record_calibration(CALIBRATION)
-            store.record_check(check())
+            checked = check()
+            store.record_check(checked)
             store.record_zero(zero())
             store.revoke_zero(revocation())
             measured = cycle(
@@ -107,6 +112,9 @@ def engine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             store.record_study_values([study_value(planned.uuid)])
             store.record_shot(kept)
             store.remove_shot(ArchiveRemoval(kept.uuid, NOON, "the ring is full"))
+            spoken = doubt(measured.uuid, checked.uuid)
+            store.record_found(lambda connection: [spoken])
+            store.record_found(lambda connection: [doubt_closing(spoken.uuid)])
             store.record_event(EventRecord(NOON, "EOL-1", Severity.INFO, "station", "start", "started"))
         engine = make_engine(parse_url(url), timeout_s=5.0)
         with engine.begin() as connection:
@@ -147,9 +155,17 @@ def insert(connection: Connection, table: Table, values: dict[str, Any]) -> None
         connection.execute(zero_measurements.insert().values(**COMPLETE[zero_measurements]))
     if table is concession_withdrawals:
         insert(connection, concessions, COMPLETE[concessions] | {"id": 99})
+    if table in (doubts, doubt_closings):
+        connection.execute(cycles.insert().values(**cycle_row(uuid=DOUBTED.cycle)))
+        checked = COMPLETE[calibration_checks] | {"uuid": DOUBTED.check_uuid}
+        connection.execute(calibration_checks.insert().values(**checked))
+    if table is doubt_closings:
+        connection.execute(doubts.insert().values(**COMPLETE[doubts]))
+        values = values | {"doubt": DOUBTED.uuid}
     connection.execute(table.insert().values(**values))
 
 
+DOUBTED = doubt(uuid4(), uuid4())
 CORRECTED = flat_values(corrected_wheel())
 UNCHECKED: dict[str, Any] = {
     "straight_ahead": "not_checked", "reason_text": "no angle was told", "steer": None, "steer_u": None,
@@ -303,6 +319,15 @@ IMPOSSIBLE: list[tuple[Table, str, dict[str, Any]]] = [
     (adjusting_results, "possible_times", {"begun_s": -0.1}),
     (adjusting_results, "possible_times", {"ended_s": 2.0}),
     (adjusting_results, "operator_not_empty", {"operator": ""}),
+    (doubts, "station_not_empty", {"station": ""}),
+    (doubts, "wheel_not_empty", {"wheel": ""}),
+    (doubts, "reason_not_empty", {"reason": ""}),
+    (doubt_closings, "closed_by", {"closed_by": "nobody", "person": None}),
+    (doubt_closings, "good_check_is_named", {"check_uuid": DOUBTED.check_uuid}),
+    (doubt_closings, "good_check_is_named", {"closed_by": "good_check", "person": None}),
+    (doubt_closings, "person_is_named", {"person": None}),
+    (doubt_closings, "person_not_empty", {"person": ""}),
+    (doubt_closings, "reason_not_empty", {"reason": ""}),
     (calibrations, "validity", {"valid_until_utc": NOON}),
     (calibration_checks, "has_figures", {"as_found": None}),
     (calibration_checks, "reason_not_empty", {"reason": ""}),
@@ -336,6 +361,8 @@ COMPLETE: dict[Table, dict[str, Any]] = {
     zero_revocations: flat_values(revocation("zero-2")) | {"stored_utc": NOON},
     concessions: flat_values(concession(uuid4())) | {"stored_utc": NOON},
     concession_withdrawals: flat_values(withdrawal(uuid4())) | {"concession_id": 99, "stored_utc": NOON},
+    doubts: flat_values(DOUBTED) | {"stored_utc": NOON},
+    doubt_closings: flat_values(doubt_closing(DOUBTED.uuid)) | {"stored_utc": NOON},
     vehicles: {},
 }
 

@@ -27,6 +27,7 @@ from db.records import (
 from station.configuration.vehicle_types import VehicleType
 from station.cycle.measuring import MeasuringCycle
 from station.cycle.ports import Bounds, CycleReport, Identity, Observer
+from station.cycle.recording.master_duty import Masters
 from station.cycle.wheels.frame import CommonFrame
 from station.cycle.wheels.positions import CalibrationInForce, MeasureFunction, WheelPosition
 from station.cycle.wheels.series import SeriesChoice
@@ -43,6 +44,7 @@ from station.cycle.words.cycle import (
     vehicle_outcome,
 )
 from station.cycle.words.guidance import Guidance
+from station.cycle.words.master import MasterShown
 from station.cycle.words.steering import SweepProgress
 from station.cycle.words.vehicle import NOTHING_TOLD, ToldOfVehicle
 from station.health.observer import WatchingObserver
@@ -133,6 +135,7 @@ class FakeLine:
         self.on_live: Callable[[], None] = lambda: None
         self.guided: list[tuple[Guidance, float]] = []
         self.swept: list[SweepProgress] = []
+        self.masters: list[MasterShown] = []
         self.on_sweep: Callable[[SweepProgress], None] = lambda progress: None
         self.vehicle: Callable[[], ToldOfVehicle] = lambda: NOTHING_TOLD
 
@@ -178,6 +181,9 @@ class FakeLine:
     def publish_sweep(self, progress: SweepProgress) -> None:
         self.swept.append(progress)
         self.on_sweep(progress)
+
+    def publish_master(self, master: MasterShown) -> None:
+        self.masters.append(master)
 
     def told(self) -> ToldOfVehicle:
         return self.vehicle()
@@ -230,6 +236,13 @@ class FakeStore:
 
     def record_check(self, record: CalibrationCheckRecord) -> None:
         self._write(self.checks, record)
+
+    def write_master_check(self, record: CycleRecord, checks: Any, outcomes: Any) -> None:
+        self.write_cycle(record)
+        for check in checks:
+            self.record_check(check)
+        for outcome in outcomes:
+            self.record_event(outcome)
 
     def recent_cycles(self, n: int, station: str | None = None) -> tuple[StoredCycle, ...]:
         found = [record for record in self.cycles[::-1] if station in (None, record.station)]
@@ -295,13 +308,15 @@ class Bench:
         retake_within_s: float = 0.0,
         stopped: Callable[[Any, WheelMeasurement], str | None] = lambda shot, found: None,
         watch: CameraWatch | None = None,
+        masters: Masters | None = None,
+        today: datetime = TODAY,
     ) -> None:
         self._retake_within_s, self._stopped = retake_within_s, stopped
         self._places = places or {}
         self._needs_place = frame is not None and frame.reference == "vehicle"
         self.log: list[str] = []
         self.clock = Clock()
-        self.today = TODAY
+        self.today = today
         self.line = FakeLine(self.clock, self.log)
         self.store = FakeStore(self.log) if store is None else store
         self.rigs = {name: FakeRig(name, self.log) for name in WHEELS}
@@ -328,6 +343,7 @@ class Bench:
             image_folder=image_folder,
             frame=frame,
             series=series,
+            masters=masters,
         )
 
     def put_rig(self, rig: Any) -> None:

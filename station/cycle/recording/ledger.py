@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
+from typing import TypeVar
 from uuid import UUID
 
 from alignment.errors import InputError, StoreError
@@ -20,13 +22,15 @@ from db.records import (
     Severity,
     ZeroRecord,
 )
-from station.cycle.answering import Standing, as_told, contradicts
-from station.cycle.ports import Identity, Store
-from station.cycle.recording.held import Closing, closing_id, closing_text, unacknowledged
+from station.cycle.answering import Standing, answers_of, as_told, contradicts
+from station.cycle.ports import Identity, Line, Store
+from station.cycle.recording.held import Closing, Held, closing_id, closing_text, unacknowledged
 from station.cycle.recording.owed import Owed
 from station.cycle.recording.store_thread import StoreThread
+from station.cycle.words import StationState
 from station.threads import Worker
 
+_T = TypeVar("_T")
 _LOG = logging.getLogger("truewheel.station")
 
 
@@ -81,7 +85,7 @@ class Ledger:
         for record in calibrations:
             self._thread.call(self._store.record_calibration, record)
         text = f"version {self._identity.software_version} started"
-        self._thread.call(self._store.record_event, self._event(Severity.INFO, "started", text))
+        self._thread.call(self._store.record_event, self.event(Severity.INFO, "started", text))
 
     def zeros(self, installed: Sequence[tuple[str, str]]) -> tuple[ZeroRecord, ...]:
         """Return the zero measurements in force of these rigs and calibrations; raises `StoreError`."""
@@ -92,16 +96,37 @@ class Ledger:
         station = self._identity.station
         return self._thread.call(self._store.recent_adjustings, station, vehicle_type, n)
 
-    def commit(self, record: CycleRecord, checks: Iterable[CalibrationCheckRecord] = ()) -> float | None:
+    def ask(self, question: Callable[..., _T], *about: datetime) -> _T:
+        """Ask the database something, or let it note something, within the bound; raises `StoreError`."""
+        return self._thread.call(question, *about)
+
+    def ask_later(self, question: Callable[[], _T]) -> Future[_T]:
+        """Ask it without waiting; raises `WorkerError` when the thread takes no more."""
+        return self._thread.submit(question)
+
+    def owe(self, event: EventRecord) -> None:
+        """Owe an event, which is stored before the station is ready again."""
+        self._owed.add(f"event {event.code}", partial(self._store.record_event, event))
+
+    def commit(
+        self,
+        record: CycleRecord,
+        checks: Sequence[CalibrationCheckRecord] = (),
+        outcomes: Sequence[EventRecord] = (),
+    ) -> float | None:
         """Store a cycle, and that the line is to be told it; the time, or None when that is not certain.
 
         Two commits: only the second tells a program that starts after this one that the first was in time.
+        With outcomes of a master check, they, its checks and the cycle are one.
         """
         offered = self._closing(record.uuid, record.trigger_sequence, Closing.OFFERED)
         try:
-            self._thread.call(self._store.write_cycle, record)
-            for check in checks:
-                self._thread.call(self._store.record_check, check)
+            if outcomes:
+                self._thread.call(self._store.write_master_check, record, checks, outcomes)
+            else:
+                self._thread.call(self._store.write_cycle, record)
+                for check in checks:
+                    self._thread.call(self._store.record_check, check)
             self._thread.call(self._store.record_event, offered)
         except (StoreError, InputError) as error:
             _LOG.error("cycle %s was not stored: %s", record.uuid, error)
@@ -145,6 +170,23 @@ class Ledger:
         """Try again to store what is owed, without waiting; true when nothing is."""
         return self._owed.look()
 
+    def offer_again(self, line: Line) -> Held | None:
+        """Hold the last cycle's results when the program ended before the line acknowledged them.
+
+        Raises
+        ------
+        StoreError
+            When the database fails.
+        """
+        found = self.unacknowledged()
+        if found is None:
+            return None
+        record, standing = found
+        answers = answers_of(record, standing)
+        line.restore_results(record.trigger_sequence, answers.wheels, answers.axles, answers.vehicle)
+        _LOG.warning("results of cycle %s were not acknowledged and are offered again", record.uuid)
+        return Held(record.trigger_sequence, record.uuid, StationState.IDLE)
+
     def unacknowledged(self) -> tuple[CycleRecord, Standing] | None:
         """Return the last cycle whose results nobody took over, and how the line is to be told it.
 
@@ -180,11 +222,16 @@ class Ledger:
         The next commit will meet what kept it from that, too.
         """
         try:
-            self._thread.call(self._store.record_event, self._event(severity, code, text, cycle, value))
+            self._thread.call(self._store.record_event, self.event(severity, code, text, cycle, value))
         except StoreError as error:
             _LOG.error("event %s was not stored: %s (%s)", code, text, error)
             return False
         return True
+
+    def note_run_outs(self, notes: Iterable[tuple[Severity, float, str]], cycle: UUID) -> None:
+        """Record what there is to say of the run-outs of a cycle."""
+        for severity, value_mm, text in notes:
+            self.note(severity, "run_out", text, cycle, value_mm)
 
     def close(self) -> None:
         """Wait within the bound for what is owed, and end the thread; a call that hangs is left to itself."""
@@ -203,7 +250,7 @@ class Ledger:
                 "not stored" if self._store.cycle(record.uuid) is None else f"stored as '{record.outcome}'"
             )
             text = f"{closing_text(record.uuid, record.trigger_sequence)} are {found}; {told.reason_text}"
-            said = self._event(Severity.WARNING, how, f"{text}; see cycle {told.uuid}", record.uuid)
+            said = self.event(Severity.WARNING, how, f"{text}; see cycle {told.uuid}", record.uuid)
             event.append(replace(said, uuid=closing_id(record.uuid, how)))
         self._store.write_cycle(told)
         self._store.record_event(event[0])
@@ -211,22 +258,24 @@ class Ledger:
     def _closing(self, cycle: UUID, sequence: int, how: Closing) -> EventRecord:
         taken = how in (Closing.OFFERED, Closing.ACKNOWLEDGED)
         severity = Severity.INFO if taken else Severity.WARNING
-        event = self._event(severity, how, closing_text(cycle, sequence), cycle)
+        event = self.event(severity, how, closing_text(cycle, sequence), cycle)
         return replace(event, uuid=closing_id(cycle, how))
 
-    def _event(
+    def event(
         self,
         severity: Severity,
         code: str,
         text: str,
         cycle: UUID | None = None,
         value: float | None = None,
+        source: str | None = None,
     ) -> EventRecord:
+        """An event of now, not stored yet."""
         return EventRecord(
             self._now(),
             self._identity.station,
             severity,
-            "station.cycle",
+            source or "station.cycle",
             code,
             text,
             self._clock(),

@@ -31,6 +31,8 @@ from .geometry import QuantityAnswer as QuantityAnswer
 from .geometry import QuantityState as QuantityState
 from .guidance import Guidance as Guidance
 from .guidance import GuidanceLine as GuidanceLine
+from .master import NO_MASTER as NO_MASTER
+from .master import MasterShown as MasterShown
 from .steering import AXIS_DIFFERENCES as AXIS_DIFFERENCES
 from .steering import AXIS_LENGTHS as AXIS_LENGTHS
 from .steering import AXIS_QUANTITIES as AXIS_QUANTITIES

@@ -140,6 +140,8 @@ class ErrorCode(enum.StrEnum):
     WRONG_INTERFACE = "wrong_interface"
     NOTHING_TO_STEP = "nothing_to_step"
     STEP_INCOMPLETE = "step_incomplete"
+    MASTER_CHECK_OVERDUE = "master_check_overdue"
+    MASTER_CHECK_FAILED = "master_check_failed"
 
     CAMERA_FAULT = "camera_fault"
     CALIBRATION_FAULT = "calibration_fault"

@@ -223,7 +223,7 @@ class PlcSimulator:
             self.view.record()
             taken = self.finish(None, status.sequence, self.clock())
         status = self.status or status
-        if not status.ready and not status.busy:
+        if not status.takes_start and not status.busy:
             self.reset()
         return taken
 
@@ -240,7 +240,7 @@ class PlcSimulator:
         ready = self.view.wait(
             f"ready after reset {sequence}",
             self.timeouts.ready_s,
-            lambda status: status.ready and status.sequence == sequence,
+            lambda status: status.takes_start and status.sequence == sequence,
             patient=True,
         )
         self.withdraw(CommandCode.RESET, sequence)
@@ -268,7 +268,8 @@ class PlcSimulator:
         """Start one vehicle and wait for busy; number of the start and when it was sent. Raises as `run`."""
         checked_vin(order.vin)
         self._wheels(order)
-        self.view.wait("ready", self.timeouts.ready_s, lambda status: status.ready)
+        owed = order.mode is Mode.MASTER_CHECK
+        self.view.wait("ready", self.timeouts.ready_s, lambda s: s.takes_start if owed else s.ready)
         sequence = self.number()
         self.view.record()
         started_s = self.clock()

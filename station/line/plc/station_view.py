@@ -14,6 +14,7 @@ from station.line.wire import (
     CommandAnswer,
     CommandCode,
     HandshakeState,
+    LineMaster,
     LineStatus,
     LiveAge,
     ProtectedLink,
@@ -24,6 +25,7 @@ from station.line.wire import (
     read_guidance,
     read_info,
     read_live,
+    read_master,
     read_progress,
     read_status,
 )
@@ -50,6 +52,7 @@ class StationView:
         self._answer: CommandAnswer | None = None
         self._answers: dict[tuple[CommandCode, int], CommandAnswer] = {}
         self._info: StationInfo | None = None
+        self._master: LineMaster | None = None
         self._received: list[ReceivedMessage] = []
         self._recording = False
         self._results: dict[str, dict[str, Value]] = {}
@@ -96,6 +99,12 @@ class StationView:
         """The last good StationInfo."""
         with self._changed:
             return self._info
+
+    @property
+    def master(self) -> LineMaster | None:
+        """The last good MasterCheck; None of a station before 3.2."""
+        with self._changed:
+            return self._master
 
     @property
     def live(self) -> dict[str, LiveAngles]:
@@ -198,6 +207,8 @@ class StationView:
                     self._answers[self._answer.code, self._answer.sequence] = self._answer
                 case "StationInfo":
                     self._info = read_info(values)
+                case "MasterCheck":
+                    self._master = read_master(values)
                 case _ if wheel := self._live_of.get(name):
                     self._live[wheel] = read_live(wheel, values)
                 case _ if wheel := self._age_of.get(name):

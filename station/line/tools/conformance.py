@@ -17,6 +17,7 @@ from station.line.tools.conformance_values import (
     geometry_of_the_vehicle,
     kind_of_wheels,
     live_ages,
+    masters_agree,
     mode_of_no_station,
     older_controller,
 )
@@ -382,6 +383,7 @@ POINTS: tuple[Point, ...] = (
     Point("stop-without-adjusting", "stop without adjusting is refused", _stop_without_adjusting),
     Point("prepare", "prepare is accepted, stop takes it back", _prepare),
     Point("master-check", "a master wheel is measured and reported", _master_check, Mode.MASTER_CHECK),
+    Point("master-state", "MasterCheck and Ready agree", masters_agree),
     Point("adjust", "live angles until stop, then a result", _adjust, Mode.ADJUST),
     Point("live-ages", "live angles come with their age", live_ages, Mode.ADJUST),
     Point("adjust-aborted", "an abort ends adjusting", _adjust_aborted, Mode.ADJUST),

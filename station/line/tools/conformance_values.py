@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from alignment.counting import listed
 from station.cycle import GEOMETRY_ANGLES, AxisKind, ErrorCode, LiveState, Mode, QuantityState
+from station.duty import MasterState
 from station.line.tools.trial import Trial
 from station.line.wire import UNSTATED_MAJOR, Answer, CommandCode
 
@@ -97,4 +99,27 @@ def live_ages(trial: Trial) -> None:
     trial.expect(
         f"ages of 0 to {_LONGEST_AGE_S:g} s, found {', '.join(f'{age:g} s' for age in known) or 'none'}",
         bool(known) and all(0.0 <= age <= _LONGEST_AGE_S for age in known),
+    )
+
+
+def masters_agree(trial: Trial) -> None:
+    """MasterCheck comes at its cycle time, and a station that is ready owes no check."""
+    if not trial.database.has_master:
+        return
+    view = trial.plc.view
+    came = view.wait_until(trial.vehicles.patience_s, lambda: view.master is not None)
+    master = view.master
+    trial.expect("MasterCheck, found none", came and master is not None)
+    assert master is not None
+
+    def agree() -> bool:
+        status, shown = view.status, view.master
+        return status is not None and shown is not None and (not status.ready or shown.state.ready)
+
+    found = view.wait_until(trial.vehicles.patience_s, agree)
+    trial.expect(f"no master check owed while Status shows Ready, found {master.state}", found)
+    left = [each for each in (master.vehicles_left, master.minutes_left) if each is not None]
+    trial.expect(
+        f"no vehicles and minutes left where no check is required, found {listed(left)}",
+        master.state is not MasterState.NOT_REQUIRED or not left,
     )

@@ -13,6 +13,7 @@ from station.cycle import ErrorCode
 from station.line.handshake import BEGINS, COMMANDS, EVENTS, Request, Rule
 from station.line.interface import PREPARE_LIFETIME_S
 from station.line.tools.document_code import C_CODE, PLC_PROGRAM
+from station.line.tools.document_master import master_text
 from station.line.tools.document_steering import steering_text
 from station.line.tools.document_text import (
     FOR_PLC_PROGRAMMERS,
@@ -28,6 +29,7 @@ from station.line.wire import (
     INTERFACE_MAJOR,
     MEANINGS,
     RESERVED_FOR_MODES,
+    RESERVED_FOR_VINS,
     HandshakeState,
     LineDatabase,
     Value,
@@ -52,6 +54,7 @@ def interface_document(database: LineDatabase) -> str:
         ),
         MODES_TEXT.format(major=database.interface_version[0]),
         *([steering_text(database, _table)] if database.has_steering else []),
+        *([master_text(_table)] if database.has_master else []),
         _protection(database),
         _messages(database),
         _signals(database),
@@ -294,6 +297,7 @@ def _reserved() -> str:
         for each in RESERVED_FOR_MODES
     ]
     controller = f"0x{CONTROLLER_IDENTIFIERS[0]:X} to 0x{CONTROLLER_IDENTIFIERS[-1]:X}"
+    vins = f"0x{RESERVED_FOR_VINS[0]:X} to 0x{RESERVED_FOR_VINS[-1]:X}"
     head = ("mode", "in which", "identifiers of the station", "error codes")
     return f"""
 ## Reserved
@@ -305,8 +309,9 @@ has an identifier to spare.
 {_table(head, rows)}
 
 Identifiers {controller} are reserved for what the controller says in them, the numbers 10 to 15 of
-`Status.State` and 12 to 15 of `Status.Handshake` for their states, 20 to 39 and 115 to 139 of the error codes
-for further ones. A start in a reserved mode is refused with `mode_not_available`.
+`Status.State` and 12 to 15 of `Status.Handshake` for their states, 22 to 39 and 115 to 139 of the error codes
+for further ones. A start in a reserved mode is refused with `mode_not_available`. Identifiers {vins} are
+reserved for what the station will answer when it is asked for the last result of a VIN.
 """
 
 

@@ -17,10 +17,14 @@ from .error_frames import error_in_words as error_in_words
 from .link import LinkHealth as LinkHealth
 from .link import ProtectedLink as ProtectedLink
 from .link import Spoil as Spoil
+from .master_frames import known_before_masters as known_before_masters
+from .master_frames import master_frame as master_frame
+from .master_frames import read_master as read_master
 from .messages import Answer as Answer
 from .messages import CommandAnswer as CommandAnswer
 from .messages import CommandCode as CommandCode
 from .messages import HandshakeState as HandshakeState
+from .messages import LineMaster as LineMaster
 from .messages import LineStatus as LineStatus
 from .messages import LiveAge as LiveAge
 from .messages import StationInfo as StationInfo
@@ -35,6 +39,7 @@ from .protection import Guard as Guard
 from .protection import protect as protect
 from .reserved import CONTROLLER_IDENTIFIERS as CONTROLLER_IDENTIFIERS
 from .reserved import RESERVED_FOR_MODES as RESERVED_FOR_MODES
+from .reserved import RESERVED_FOR_VINS as RESERVED_FOR_VINS
 from .results import blank_frames as blank_frames
 from .results import frames_of_live as frames_of_live
 from .results import read_age as read_age

@@ -23,7 +23,7 @@ from cantools.errors import Error as CantoolsError
 
 from alignment.errors import ConfigurationError, InputError
 from station.cycle import AXIS_DIFFERENCES, AXIS_QUANTITIES
-from station.line.wire import steering_needs
+from station.line.wire import master_needs, steering_needs
 from station.line.wire.dbc_needs import (
     FIXED,
     FLAG,
@@ -81,6 +81,8 @@ class LineDatabase:
         Quantities of the vehicle's geometry and steering axes to their messages, in the order of sending.
     has_steering
         Whether the DBC has what 3.1 added, from the steering wheel to guidance.
+    has_master
+        Whether the DBC has what 3.2 added, the station's master checks.
     protected
         End-to-end parameters of every message of the line, by its name.
     interface_version
@@ -99,8 +101,9 @@ class LineDatabase:
         self.interface_version = self._version(database, older)
         self.geometry: Mapping[str, str] = GEOMETRY_MESSAGES
         self.has_steering = self.interface_version >= steering_needs.STEERING_SINCE
+        self.has_master = self.interface_version >= master_needs.MASTER_SINCE
         fixed, per_wheel = self._needs(FIXED), self._needs(PER_WHEEL)
-        for name, needs in fixed.items():
+        for name, needs in [*fixed.items(), *(master_needs.MASTER_FIXED.items() if self.has_master else ())]:
             self._check_message(name, needs)
         bits = [s for s in self._by_name["Command"].signals if re.fullmatch(r"Wheel[A-Z]\w*", s.name)]
         bits.sort(key=lambda signal: signal.start)
@@ -241,6 +244,8 @@ class LineDatabase:
         return major, self._number(database.dbc, "the DBC", "InterfaceMinor", 0, 255, missing=0)
 
     def _needs(self, needs: Needs) -> Needs:
+        if not self.has_master:
+            needs = master_needs.without_master(needs)
         if not self.has_steering:
             needs = steering_needs.without_steering(needs)
         return needs if self.interface_version[0] == INTERFACE_MAJOR else needed_since_2(needs)

@@ -65,6 +65,17 @@ MEANINGS: dict[ErrorCode, Meaning] = {
     ErrorCode.RESET_REQUIRED: Meaning(
         Part.CYCLE, "The station is at fault.", "Repair what the fault says, then send reset."
     ),
+    ErrorCode.MASTER_CHECK_OVERDUE: Meaning(
+        Part.CALIBRATION,
+        "A check with a master is due, so no vehicle is measured; a start in the mode master_check is taken.",
+        "Check every rig with its master wheel or a master vehicle; the log says which are due and why.",
+    ),
+    ErrorCode.MASTER_CHECK_FAILED: Meaning(
+        Part.CALIBRATION,
+        "The last check with a master was out of its limits, so no vehicle is measured; a start in the mode "
+        "master_check is taken. The vehicles since the last good check are in doubt.",
+        "Look at the master and its limits, check again, and calibrate anew where the rig has moved.",
+    ),
     ErrorCode.UNKNOWN_VEHICLE_TYPE: Meaning(
         Part.CONFIGURATION,
         "No vehicle type has this number.",

@@ -21,6 +21,7 @@ from station.cycle import (
     StationState,
     SteeringAnswer,
 )
+from station.duty import MasterState
 
 
 class HandshakeState(enum.StrEnum):
@@ -125,12 +126,27 @@ class LineStatus:
     error_sequence: int
     handshake: HandshakeState = HandshakeState.STARTING
 
+    @property
+    def takes_start(self) -> bool:
+        """Whether a start would be accepted, be it of a master check alone, which a station may owe."""
+        return self.ready or self.handshake in (HandshakeState.READY, HandshakeState.PREPARED)
+
     def __str__(self) -> str:
         flags = {"ready": self.ready, "busy": self.busy, "results valid": self.done, "fault": self.fault}
         said = [name for name, true in flags.items() if true]
         if self.error_code is not ErrorCode.NONE:
             said.append(f"{self.error_code} of {self.error_sequence}")
         return f"{', '.join([str(self.handshake), *said])}; cycle {self.state}, number {self.sequence}"
+
+
+@dataclass(frozen=True)
+class LineMaster:
+    """One MasterCheck message; None where vehicles or time are not counted."""
+
+    state: MasterState
+    vehicles_left: int | None
+    minutes_left: int | None
+    doubted: int
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ RESERVED_FOR_MODES = (
         (ErrorCode.LOCATE_FAULT,),
     ),
 )
+RESERVED_FOR_VINS = range(0x126, 0x130)
+"""Identifiers of the station's answers to what a controller will ask of the last result of a VIN."""
 CONTROLLER_IDENTIFIERS = range(0x115, 0x120)
 """Identifiers of what the controller will say in these modes."""
 
@@ -45,4 +47,6 @@ def reserved_for(identifier: int) -> str | None:
     """For what an identifier is reserved; None where it is free."""
     if identifier in CONTROLLER_IDENTIFIERS:
         return "the controller"
+    if identifier in RESERVED_FOR_VINS:
+        return "results of a VIN"
     return next((each.mode for each in RESERVED_FOR_MODES if identifier in each.identifiers), None)

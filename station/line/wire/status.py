@@ -10,6 +10,7 @@ from alignment.errors import LineError
 from station.cycle import ErrorCode, StationState
 from station.line.wire.dbc import LineDatabase, Value
 from station.line.wire.error_codes import MEANINGS
+from station.line.wire.master_frames import known_word
 from station.line.wire.messages import (
     Answer,
     CommandAnswer,
@@ -35,7 +36,7 @@ def status_frame(database: LineDatabase, status: LineStatus) -> can.Message:
             "Fault": int(status.fault),
             "Handshake": str(status.handshake),
             "AliveCounter": status.alive_counter,
-            "ErrorCode": str(status.error_code),
+            "ErrorCode": str(known_word(database, status.error_code)),
             "ErrorSequence": status.error_sequence,
         },
     )
@@ -50,7 +51,7 @@ def answer_frame(database: LineDatabase, answer: CommandAnswer) -> can.Message:
             "Sequence": answer.sequence,
             "Answer": str(answer.answer),
             "LinkUp": int(answer.link_up),
-            "ErrorCode": str(answer.error_code),
+            "ErrorCode": str(known_word(database, answer.error_code)),
             "HeartbeatEcho": answer.heartbeat,
         },
     )
@@ -71,7 +72,7 @@ def detail_frame(
         "ErrorDetail",
         {
             "Part": str(MEANINGS[code].part),
-            "ErrorCode": str(code),
+            "ErrorCode": str(known_word(database, code)),
             "Sequence": sequence,
             "Wheel": wheel if wheel in database.wheels else "none",
             "Count": min(count, LARGEST_COUNT),

@@ -148,9 +148,11 @@ def _sections(reader: ResultReader, kind: ReportKind, where: Filter, options: Re
 
 
 def _worth_telling(kind: ReportKind, sections: list[Section]) -> list[Section]:
-    """What a report of everything says of one kind: few stations guide, and few vehicles come back."""
+    """What a report of everything says of one kind: few vehicles are adjusted, in doubt, or come back."""
     if kind is ReportKind.ADJUSTING:
         return [section for section in sections if section.rows]
+    if kind is ReportKind.SINCE_CHECK:
+        return [section for section in sections if section.rows or section.name != "doubted"]
     if kind is ReportKind.REPAIRS and not came_back(sections):
         return []
     return sections

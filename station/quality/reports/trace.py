@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import UUID
 
 from alignment.errors import InputError
 from db.exports import STEERED_WHEELS, USUAL_K, AngleRow, angle_rows
-from db.queries import Filter, ResultReader, VinHistory, since_last_good_check, vin_history
+from db.queries import (
+    DoubtedVehicle,
+    Filter,
+    ResultReader,
+    VinHistory,
+    doubted_vehicles,
+    since_last_good_check,
+    vin_history,
+)
 from db.records import StoredCycle, Unit, WheelRecord
 from station.quality.concessions import exceeded_in_words
 from station.quality.reports.report import Section, TableRow, shown_time
 
 _LONGEST = 300
+_OF_ANGLE = ("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg")
+_OF_LENGTH = ("time", "length", "value_mm", "u95_mm", "low_mm", "high_mm")
 
 
 def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
@@ -38,7 +48,8 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             "received": shown_time(stored.record.received_utc), "stored": shown_time(stored.stored_utc),
             "station": stored.record.station,
             "type": None if stored.record.vehicle is None else stored.record.vehicle.vehicle_type,
-            "result": str(stored.record.outcome), "reason": stored.record.reason_text,
+            "result": str(stored.record.outcome), "doubt": _doubts(stored),
+            "reason": stored.record.reason_text,
             "released_by": None if stored.concession is None else stored.concession.person,
             "trigger": stored.record.trigger_sequence, "software": stored.record.software_version,
             "configuration": stored.record.config_hash, "cycle": str(stored.record.uuid),
@@ -51,21 +62,31 @@ def vin_sections(reader: ResultReader, vin: str) -> list[Section]:
             f"Cycles of {vin}",
             cycles,
             {"cycles": len(cycles)},
-            brief=("received", "station", "result", "reason", "released_by", "cycle"),
+            brief=("received", "station", "result", "doubt", "reason", "released_by", "cycle"),
         ),
         Section(
             "angles",
             "Angles",
             rows,
             {"angles": len(rows)},
-            brief=("time", "angle", "value_deg", "u95_deg", "low_deg", "high_deg", "verdict", "reason"),
+            brief=(
+                "time",
+                "angle",
+                "value_deg",
+                "u95_deg",
+                "low_deg",
+                "high_deg",
+                "verdict",
+                "doubt",
+                "reason",
+            ),
         ),
         Section(
             "lengths",
             "Lengths and run-outs",
             lengths,
             {"lengths": len(lengths)},
-            brief=("time", "length", "value_mm", "u95_mm", "low_mm", "high_mm", "verdict", "reason"),
+            brief=(*_OF_LENGTH, "verdict", "doubt", "reason"),
             empty="No length: the rigs stood in no common frame, and no wheel was turned.",
         ),
         Section(
@@ -105,13 +126,20 @@ def _value_row(row: AngleRow, what: str) -> TableRow:
     return {
         "time": shown_time(row.received_utc), "station": row.station, "result": row.cycle_outcome,
         what: row.characteristic, **numbers, "verdict": row.verdict,
-        "reason": row.reason_text, "part_verdict": row.part_verdict, "outcome": row.outcome,
+        "doubt": row.doubt, "reason": row.reason_text, "part_verdict": row.part_verdict,
+        "outcome": row.outcome,
         "method": row.method, "degraded": row.degraded, "reference": row.reference,
         "between": row.end_points, "straight_ahead": row.straight_ahead,
         "raw_deg": row.raw_deg, "ride_height": row.ride_height, "ride_height_mm": row.ride_height_mm,
         "calibration": row.calibration_id, "zero": row.zero_measurement_id,
         "points": row.points_used, "residual_mm": row.residual_rms_mm, "cycle": row.cycle,
     }  # fmt: skip
+
+
+def _doubts(stored: StoredCycle) -> str | None:
+    """What stands beside the result of a cycle, wheel by wheel; None without doubt."""
+    said = [f"{doubt.record.wheel}: {doubt.word}" for doubt in stored.doubts]
+    return ", ".join(said) or None
 
 
 def _wheel_row(stored: StoredCycle, wheel: WheelRecord) -> TableRow:
@@ -161,6 +189,12 @@ def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
             else:
                 row["wheels"] += f", {wheels}"
     rows = sorted(found.values(), key=lambda row: (row["station"], row["received"]))
+    told = doubted_vehicles(reader, where)
+    open_ones = {
+        (each.doubt.record.station, str(each.doubt.record.cycle)) for each in told if each.doubt.open
+    }
+    for row in rows:
+        row["in_doubt"] = (row["station"], row["cycle"]) in open_ones
     never = sum(len(group.wheels) for group in groups if group.last_good_utc is None)
     return [
         Section(
@@ -177,10 +211,40 @@ def since_check_sections(reader: ResultReader, where: Filter) -> list[Section]:
             {"vehicles_since_check": len({row["vin"] for row in rows})},
             "Each with the wheels that measured it and have not been found good since, and the earliest of"
             " their last good checks.",
-            brief=("station", "last_good_check", "vin", "type", "result", "wheels"),
+            brief=("station", "last_good_check", "vin", "type", "result", "in_doubt", "wheels"),
             empty="No vehicle was measured since.",
         ),
+        _doubted_section(told),
     ]
+
+
+def _doubted_section(told: Sequence[DoubtedVehicle]) -> Section:
+    """Every doubt on record, open ones first, with who or what has answered for it."""
+    rows: list[TableRow] = [
+        {
+            "station": each.doubt.record.station, "vin": each.vin, "type": each.vehicle_type,
+            "received": shown_time(each.received_utc), "result": each.outcome,
+            "wheel": each.doubt.record.wheel, "doubt": each.doubt.word,
+            "since": shown_time(each.doubt.record.utc), "failed_check": each.doubt.record.reason,
+            "closed": None if each.doubt.closing is None else shown_time(each.doubt.closing.utc),
+            "person": None if each.doubt.closing is None else each.doubt.closing.person,
+            "closed_because": None if each.doubt.closing is None else each.doubt.closing.reason,
+            "cycle": str(each.doubt.record.cycle),
+        }
+        for each in sorted(told, key=lambda each: not each.doubt.open)
+    ]  # fmt: skip
+    still = {(each.doubt.record.station, each.vin) for each in told if each.doubt.open}
+    return Section(
+        "doubted",
+        "Vehicles in doubt after a failed master check",
+        rows,
+        {"vehicles_in_doubt": len(still), "doubts": len(rows)},
+        "One row for each wheel whose rig failed a check. A doubt stands beside the verdict and does not"
+        " change it; a good check with the same calibration and zero measurement closes it, or a person with"
+        " a reason.",
+        brief=("station", "vin", "received", "result", "wheel", "doubt", "closed_because"),
+        empty="No vehicle.",
+    )
 
 
 def _explaining(history: VinHistory) -> list[Section]:

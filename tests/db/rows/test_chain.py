@@ -31,6 +31,8 @@ from tests.db.example_records import (
     check,
     concession,
     cycle,
+    doubt,
+    doubt_closing,
     installation,
     limits,
     refused_wheel,
@@ -63,7 +65,8 @@ def fill(store: ResultStore) -> None:
     store.record_calibration(CALIBRATION)
     store.describe_station(station(configuration={"a": [1, 2.0, -0.0, 1e22, 1e23, 0.1, True, None]}),
                            (limits(),), (installation(),))  # fmt: skip
-    store.record_check(check(as_left={"x": 1e-300}))
+    checked = check(as_left={"x": 1e-300})
+    store.record_check(checked)
     store.record_zero(zero(toe=0, camber=-0.0))
     store.revoke_zero(revocation())
     for record in CYCLES:
@@ -72,6 +75,9 @@ def fill(store: ResultStore) -> None:
                             measured_monotonic_s=None, wheels=(), axles=(), vehicle_angles=None,
                             reason_code="store", reason_text="disk\nfull"))  # fmt: skip
     store.record_event(EVENT)
+    spoken = doubt(CYCLES[0].uuid, checked.uuid)
+    store.record_found(lambda connection: [spoken])
+    store.record_found(lambda connection: [doubt_closing(spoken.uuid)])
     planned = study()
     store.plan_study(planned)
     store.record_study_values([study_value(planned.uuid)])
@@ -146,7 +152,7 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
     report = check_database(filled, days=None)
     assert report.findings == ()
     # The start of the database is a link of the chain without station.
-    assert {name: end.number for name, end in report.heads.items()} == {"": 8, "EOL-1": 12, "EOL-2": 1}
+    assert {name: end.number for name, end in report.heads.items()} == {"": 8, "EOL-1": 14, "EOL-2": 1}
 
 
 @pytest.mark.parametrize(
@@ -182,6 +188,9 @@ def test_what_is_untouched_has_no_findings_on_either_database(filled: str) -> No
         ("gauge_values", "value = value * 0.9"),
         ("archived_shots", "path = '2026-11-22/0002'"),
         ("archive_removals", "reason = 'lost'"),
+        ("doubts", "reason = 'nothing'"),
+        ("doubts", "wheel = 'rear_left'"),
+        ("doubt_closings", "person = 'B. Example'"),
         ("vehicles", "vin = 'TRUEWHEEL0000000' || id"),
         ("stations", "name = 'EOL-3'"),
     ],

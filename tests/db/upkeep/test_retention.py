@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 from typer.testing import CliRunner
@@ -14,14 +15,14 @@ from typer.testing import CliRunner
 from alignment.errors import InputError
 from db.connection import station_lock
 from db.queries import Filter, ResultReader, events
-from db.records import RetentionClass
+from db.records import CheckKind, CheckOutcome, RetentionClass
 from db.store import ResultStore
 from db.upkeep import retention
 from db.upkeep.retention import Policy, enforce, kept, leaving
 from station.cli import app
 from station.configuration.settings import read_configuration
 from station.quality.reports.compare import TEMPERATURE
-from tests.db.example_records import CALIBRATION, cycle, shot, station
+from tests.db.example_records import CALIBRATION, check, cycle, doubt, doubt_closing, shot, station
 from tests.db.queries.test_lengths import RECORDS as VEHICLES
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -63,6 +64,24 @@ def test_evidence_stays_while_any_other_image_could_go(
     assert kept(store).shots == 1
     assert evidence.exists()
     assert leaving(store, policy, NOW) == ()
+
+
+def test_images_of_a_wheel_in_doubt_stay_as_evidence_until_somebody_answers(
+    store: ResultStore, tmp_path: Path
+) -> None:
+    checked = check(kind=CheckKind.MASTER_WHEEL, outcome=CheckOutcome.OUT)
+    store.record_check(checked)
+    ordinary, doubted = (archived(store, tmp_path / "images", 20, RetentionClass.ORDINARY) for _ in range(2))
+    spoken = doubt(UUID(doubted.name), checked.uuid)
+    store.record_found(lambda connection: [spoken])
+    policy = Policy(10**9, 14.0, 300.0)
+    enforce(store, tmp_path / "images", policy, NOW)
+    assert (ordinary.exists(), doubted.exists()) == (False, True)
+    # They are not kept for ever.
+    assert len(leaving(store, Policy(10**9, 14.0, 15.0), NOW)) == 1
+    store.record_found(lambda connection: [doubt_closing(spoken.uuid)])
+    enforce(store, tmp_path / "images", policy, NOW)
+    assert not doubted.exists()
 
 
 def test_images_that_leave_take_no_length_and_no_run_out_with_them(

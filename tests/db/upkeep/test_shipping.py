@@ -14,7 +14,7 @@ from sqlalchemy import select
 from alignment.errors import ConfigurationError, StoreError, StoreUnavailableError
 from db.connection import make_engine, migrate, parse_url, station_lock
 from db.queries import Characteristic, Quantity, ResultReader, value_series
-from db.records import ArchiveRemoval, CalibrationRecord, EventRecord, Severity
+from db.records import ArchiveRemoval, CalibrationRecord, EventRecord, Severity, StoredDoubt
 from db.schema import arrivals, cycles
 from db.store import ResultStore
 from db.upkeep.background import BackgroundWork
@@ -28,6 +28,8 @@ from tests.db.example_records import (
     check,
     concession,
     cycle,
+    doubt,
+    doubt_closing,
     geometry,
     installation,
     limits,
@@ -107,7 +109,8 @@ def test_every_kind_of_record_arrives_equal(
     )
     kept = shot(measured.uuid)
     station_store.describe_station(station(), (limits(),), (installation(),))
-    station_store.record_check(check())
+    checked = check()
+    station_store.record_check(checked)
     station_store.record_zero(zero())
     station_store.write_cycle(measured)
     station_store.revoke_zero(revocation())
@@ -121,13 +124,18 @@ def test_every_kind_of_record_arrives_equal(
     granted = concession(released.uuid)
     station_store.grant_concession(granted)
     station_store.withdraw_concession(withdrawal(granted.uuid))
-    assert ship_all(shipper) == 17
+    spoken = doubt(measured.uuid, checked.uuid)
+    station_store.record_found(lambda connection: [spoken])
+    ended = doubt_closing(spoken.uuid)
+    station_store.record_found(lambda connection: [ended])
+    assert ship_all(shipper) == 19
     central = open_store(central_url, create=False)
     counts = central.counts()
     assert counts == station_store.counts() | {"plants": 1}
     stored = central.cycle(measured.uuid)
     assert stored is not None
     assert stored.record == measured
+    assert stored.doubts == (StoredDoubt(spoken, ended),)
     assert central.calibration_checks(CALIBRATION.id)[0].reason == check().reason
     assert central.zeros() != ()
     (conceded,) = central.concessions([released.uuid])

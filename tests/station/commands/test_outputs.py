@@ -67,7 +67,7 @@ ASKED_ELSEWHERE = {
     "db check", "db event", "db migrate", "db restore", "db show", "db sums", "db backup", "export", "report",
     "replay",
     "gauge fill", "gauge list", "gauge plan", "gauge type1", "gauge grr", "gauge linearity",
-    "gauge stability", "zero list", "zero revoke", "camera health",
+    "gauge stability", "zero list", "zero revoke", "camera health", "master release",
     "concession grant", "concession list", "concession withdraw",
     # Makes what is not there.
     "demo",

@@ -67,14 +67,14 @@ NAMES = [*(f"{wheel}.{name}" for wheel in FOUR[:2] for name in AXIS_QUANTITIES),
 
 
 def dbc_of_interface_3_0() -> str:
-    """The shipped DBC without what 3.1 brought."""
+    """The shipped DBC without what 3.1 and 3.2 brought."""
     text = today = DBC.read_text(encoding="cp1252")
-    new = r"SteeringWheel|RideHeight|Sweep|Guidance|WheelRaw"
+    new = r"SteeringWheel|RideHeight|Sweep|Guidance|WheelRaw|MasterCheck"
     for number in re.findall(rf"^BO_ (\d+) (?:{new})\w*:", today, re.MULTILINE):
         pattern = rf"^BO_ {number} (?:.*\n(?: SG_.*\n)*)|^(?:CM_|BA_|VAL_)[^\n]* {number} [^\n]*\n"
         text = re.sub(pattern, "", text, flags=re.MULTILINE)
-    text = re.sub(r' \d+ "(?:sweeping|turning|step_incomplete)"', "", text)
-    return text.replace('BA_ "InterfaceMinor" 1;', 'BA_ "InterfaceMinor" 0;')
+    text = re.sub(r' \d+ "(?:sweeping|turning|step_incomplete|master_check_\w+)"', "", text)
+    return text.replace('BA_ "InterfaceMinor" 2;', 'BA_ "InterfaceMinor" 0;')
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from station.cycle.words.cycle import (
     Acknowledge,
     AxleAnswer,
     ErrorCode,
+    Mode,
     Outcome,
     Reset,
     StationState,
@@ -24,6 +25,8 @@ from station.cycle.words.cycle import (
     VehicleAnswer,
     WheelAnswer,
 )
+from station.cycle.words.master import MasterShown
+from station.duty.words import MasterState
 from station.line.interface import StationLine
 from station.line.plc.orders import PlcOrder, PlcTimeouts
 from station.line.plc.simulator import PlcSimulator, run_plc
@@ -31,7 +34,7 @@ from station.line.tools.monitor import decode_log, trace_cycles
 from station.line.wire.bus import LineBus, open_bus
 from station.line.wire.channel import BusSettings
 from station.line.wire.dbc import LineDatabase
-from station.line.wire.messages import Answer, CommandCode
+from station.line.wire.messages import Answer, CommandCode, LineMaster
 from station.line.wire.protection import protect
 from tests.station.line.line_bench import DBC, VIN, WAIT_S
 
@@ -244,6 +247,27 @@ def test_refused_vehicle_type(station: SmallStation, plc: PlcSimulator) -> None:
     plc.reset()
     with pytest.raises(LineError, match="refused at sequence 2: unknown_vehicle_type"):
         plc.run(PlcOrder(VIN, 999))
+
+
+def test_a_master_check_is_started_although_the_station_is_not_ready(
+    station: SmallStation, plc_bus: LineBus, database: LineDatabase
+) -> None:
+    """A controller that waited for Ready could never have made it ready."""
+    station.line.publish_master(MasterShown(MasterState.OVERDUE, 0, None, 2))
+    with PlcSimulator(plc_bus, database, timeouts=PATIENT) as plc:
+        assert plc.start_up() is None
+        assert not plc.reset().ready
+        plc.timeouts = replace(PATIENT, ready_s=0.3)
+        with pytest.raises(LineTimeoutError, match="master_check_overdue"):
+            plc.run(PlcOrder(VIN))
+        plc.timeouts = PATIENT
+        assert station.triggers == []
+        assert plc.run(PlcOrder(VIN, mode=Mode.MASTER_CHECK)).vehicle.outcome is Outcome.OK
+        said = LineMaster(MasterState.OVERDUE, 0, None, 2)
+        # It comes every second.
+        assert plc.view.wait_until(WAIT_S, lambda: plc.view.master == said)
+        station.line.publish_master(MasterShown(MasterState.GOOD, 5))
+        plc.view.wait("ready", WAIT_S, lambda status: status.ready)
 
 
 def test_refused_vin(station: SmallStation, plc: PlcSimulator) -> None:

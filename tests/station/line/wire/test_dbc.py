@@ -314,7 +314,7 @@ def test_delivered_dbc_explains_everything(database: LineDatabase) -> None:
     of_3_0 = {"Vin1", "Vin2", "Vin3", "Command"}
     of_3_1 = {"SteeringWheel", "SweepStep", "RideHeightFront", "RideHeightRear"}
     assert set(database.messages_from("PLC")) == of_3_0 | of_3_1
-    assert database.interface_version == (3, 1)
+    assert database.interface_version == (3, 2)
     assert set(database.protected) == set(MESSAGES)
     assert len({e2e.data_id for e2e in database.protected.values()}) == len(MESSAGES)
 

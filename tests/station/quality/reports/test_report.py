@@ -209,7 +209,9 @@ def test_one_vehicle_comes_with_everything_that_explains_it(asked: Callable[...,
 
 def test_vehicles_since_the_last_good_check(asked: Callable[..., Report], month: str) -> None:
     report = asked(ReportKind.SINCE_CHECK).as_json()
-    checks, rows = (section["rows"] for section in report["sections"])
+    checks, rows, doubted = (section["rows"] for section in report["sections"])
+    assert doubted == []
+    assert {row["in_doubt"] for row in rows} == {False}
     assert [row["station"] for row in checks] == sorted(STATIONS)
     assert sum(row["vehicles"] for row in checks) == len(rows) == len({row["cycle"] for row in rows})
     for station, name in enumerate(STATIONS):

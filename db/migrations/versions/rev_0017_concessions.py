@@ -6,8 +6,8 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.dialects import postgresql
 
-revision = "0018"
-down_revision = "0015"
+revision = "0017"
+down_revision = "0016"
 
 REFUSAL = "stored results are never changed or deleted: write a new record"
 COUNTER = sa.BigInteger().with_variant(sa.Integer(), "sqlite")

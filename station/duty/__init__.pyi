@@ -1,0 +1,14 @@
+from .plan import DutyPlan as DutyPlan
+from .rig import RigDuty as RigDuty
+from .rig import SinceGood as SinceGood
+from .rig import duty_of as duty_of
+from .station import Due as Due
+from .station import StationDuty as StationDuty
+from .table import DUTY as DUTY
+from .table import EVENTS_SAID as EVENTS_SAID
+from .table import STATES_SAID as STATES_SAID
+from .table import DoubtDeed as DoubtDeed
+from .table import DutyRule as DutyRule
+from .words import DEMANDS as DEMANDS
+from .words import DutyEvent as DutyEvent
+from .words import MasterState as MasterState
