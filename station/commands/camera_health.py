@@ -74,28 +74,7 @@ def camera_health(
         print_json(
             {
                 "station": name,
-                "trends": [
-                    {
-                        "camera": one.camera,
-                        "figure": one.figure,
-                        "shots": one.shots,
-                        "first": one.first,
-                        "newest": one.newest,
-                        "minimum": one.minimum,
-                        "maximum": one.maximum,
-                        "per_month": one.per_month,
-                        "drift_per_month": None if one.drift is None else one.drift.slope * _MONTH_DAYS,
-                        "drift_per_month_deviation": None
-                        if one.drift is None
-                        else one.drift.slope_deviation * _MONTH_DAYS,
-                        "per_kelvin": None if one.drift is None else one.drift.per_kelvin,
-                        "per_kelvin_deviation": None if one.drift is None else one.drift.per_kelvin_deviation,
-                        "limit": limits.get(one.figure),
-                        "reached": _reached(one, limits),
-                        "days": [{"day": _day(start), "mean": mean} for start, mean in one.days],
-                    }
-                    for one in found
-                ],
+                "trends": [_told(one, limits) for one in found],
                 "figures": {
                     "cameras": len({one.camera for one in found}),
                     "trends": len(found),
@@ -107,23 +86,7 @@ def camera_health(
     if not found:
         typer.echo(f"nothing is stored of cameras of {name} since {begin:%Y-%m-%d}")
         return
-    rows = [
-        {
-            "camera": one.camera,
-            "figure": one.figure,
-            "shots": one.shots,
-            "first": one.first,
-            "newest": one.newest,
-            "lowest": one.minimum,
-            "highest": one.maximum,
-            "per month": one.per_month,
-            "drift per month": None if one.drift is None else one.drift.slope * _MONTH_DAYS,
-            "per kelvin": None if one.drift is None else one.drift.per_kelvin,
-        }
-        | ({"limit reached": _in_words(_reached(one, limits))} if limits else {})
-        for one in found
-    ]
-    print_table(terminal(), rows)
+    print_table(terminal(), [_row(one, limits) for one in found])
 
 
 def _limits(given: list[str]) -> dict[str, float]:
@@ -164,6 +127,44 @@ def _reached(trend: Trend, limits: dict[str, float]) -> dict[str, str] | None:
     if crossing is None or not all(_FIRST_DAY < day < _LAST_DAY for day in astuple(crossing)):
         return None
     return {name: _day(math.floor(day) * 24) for name, day in asdict(crossing).items()}
+
+
+def _told(one: Trend, limits: dict[str, float]) -> dict[str, object]:
+    """Return a trend as JSON has it."""
+    return {
+        "camera": one.camera,
+        "figure": one.figure,
+        "shots": one.shots,
+        "first": one.first,
+        "newest": one.newest,
+        "minimum": one.minimum,
+        "maximum": one.maximum,
+        "per_month": one.per_month,
+        "drift_per_month": None if one.drift is None else one.drift.slope * _MONTH_DAYS,
+        "drift_per_month_deviation": None if one.drift is None else one.drift.slope_deviation * _MONTH_DAYS,
+        "per_kelvin": None if one.drift is None else one.drift.per_kelvin,
+        "per_kelvin_deviation": None if one.drift is None else one.drift.per_kelvin_deviation,
+        "limit": limits.get(one.figure),
+        "reached": _reached(one, limits),
+        "days": [{"day": _day(start), "mean": mean} for start, mean in one.days],
+    }
+
+
+def _row(one: Trend, limits: dict[str, float]) -> dict[str, object]:
+    """Return a trend as a person reads it."""
+    row = {
+        "camera": one.camera,
+        "figure": one.figure,
+        "shots": one.shots,
+        "first": one.first,
+        "newest": one.newest,
+        "lowest": one.minimum,
+        "highest": one.maximum,
+        "per month": one.per_month,
+        "drift per month": None if one.drift is None else one.drift.slope * _MONTH_DAYS,
+        "per kelvin": None if one.drift is None else one.drift.per_kelvin,
+    }
+    return row | ({"limit reached": _in_words(_reached(one, limits))} if limits else {})
 
 
 def _in_words(reached: dict[str, str] | None) -> str:

@@ -38,8 +38,9 @@ class Trend:
     days
         Of each: whole hours since 1970 of its begin, and its mean.
     drift
-        A line through the means of the days in time (days since 1970) and the camera's own temperature, where
-        it tells one; None with too few days, and where nobody can tell the two apart.
+        A line through the means of the whole days after the newest calibration, in time (days since 1970) and
+        the camera's own temperature, where it tells one; None with too few days, and where nobody can tell
+        the two apart.
     """
 
     camera: str
@@ -79,7 +80,7 @@ def trends(figures: Iterable[CameraFigure]) -> tuple[Trend, ...]:
                 max(day.maximum for day in days),
                 _per_month(days),
                 tuple((day.start, day.mean) for day in days),
-                _drift(days, {} if figure == Figure.TEMPERATURE else warmth.get(camera, {})),
+                _drift(_since(days, first), {} if figure == Figure.TEMPERATURE else warmth.get(camera, {})),
             )
         )
     return tuple(found)
@@ -92,6 +93,11 @@ def _per_month(days: list[CameraFigure]) -> float | None:
     # The deviation of a mean falls with the root of the number, and that is how polyfit weighs.
     weights = np.sqrt([day.n for day in days])
     return float(np.polyfit(months, [day.mean for day in days], 1, w=weights)[0])
+
+
+def _since(days: list[CameraFigure], first: list[CameraFigure]) -> list[CameraFigure]:
+    """Return the whole days after the newest calibration: a new one is a step, and no drift."""
+    return [day for day in days if not first or day.start >= first[-1].start]
 
 
 def _drift(days: list[CameraFigure], warmth: dict[int, float]) -> DriftFit | None:

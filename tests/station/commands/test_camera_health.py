@@ -160,6 +160,21 @@ def test_a_limit_that_nothing_drifts_to_has_no_day(
     assert (row["limit"], row["reached"]) == (0.2, None)
 
 
+def test_a_new_calibration_is_no_drift() -> None:
+    """The step of a residual at a calibration was forecast to go on."""
+    rng = np.random.default_rng(5)
+    means = [(0.3 if ago > 30 else 0.1) + 0.001 * rng.standard_normal() for ago in range(60, -1, -1)]
+    figures = [day(ago, mean, "row_px") for ago, mean in zip(range(60, -1, -1), means, strict=True)]
+    [stepped] = trends(figures)
+    assert stepped.drift is not None
+    made = CameraFigure.of(CAMERA, "row_px", 0, TODAY - 24 * 31 + 9, 0.1)
+    [calibrated] = trends([*figures, made])
+    assert calibrated.drift is not None
+    assert calibrated.drift.n == 31
+    assert calibrated.drift.slope == pytest.approx(0.0, abs=4 * calibrated.drift.slope_deviation)
+    assert abs(calibrated.drift.slope) < 0.02 * abs(stepped.drift.slope)
+
+
 @pytest.mark.parametrize("given", ["row_px", "row_px=", "row=0.2", "row_px=nan", "row_px=1e999", "=0.2", ""])
 def test_a_limit_that_is_none_is_refused(warm: str, given: str, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = called(capsys, "--database", warm, "--limit", given)
