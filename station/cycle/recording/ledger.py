@@ -13,6 +13,8 @@ from uuid import UUID
 
 from alignment.errors import InputError, StoreError
 from db.records import (
+    MASTER_OUTCOMES,
+    MASTER_REFUSED,
     AdjustingRecord,
     CalibrationCheckRecord,
     CalibrationRecord,
@@ -63,6 +65,8 @@ class Ledger:
         self._now = now
         self._thread = StoreThread(store_s)
         self._owed = Owed(self._thread, clock)
+        # The last cycle, where it measured a master.
+        self._master: UUID | None = None
 
     @property
     def worker(self) -> Worker:
@@ -119,6 +123,7 @@ class Ledger:
         Two commits: only the second tells a program that starts after this one that the first was in time.
         With outcomes of a master check, they, its checks and the cycle are one.
         """
+        self._master = record.uuid if outcomes else None
         offered = self._closing(record.uuid, record.trigger_sequence, Closing.OFFERED)
         try:
             if outcomes:
@@ -242,7 +247,7 @@ class Ledger:
     def _contradict(self, record: CycleRecord, told: CycleRecord, event: list[EventRecord]) -> None:
         """Store what the line was told, behind the cycle that says otherwise when that did land.
 
-        `event` keeps the event from one attempt to the next: only the same one may be written twice.
+        `event` keeps the events from one attempt to the next: only the same ones may be written twice.
         """
         if not event:
             how = Closing.ABORTED_LATE if told.outcome is CycleOutcome.ABORTED else Closing.CONTRADICTED
@@ -251,8 +256,14 @@ class Ledger:
             )
             text = f"{closing_text(record.uuid, record.trigger_sequence)} are {found}; {told.reason_text}"
             said = self.event(Severity.WARNING, how, f"{text}; see cycle {told.uuid}", record.uuid)
-            event.append(replace(said, uuid=closing_id(record.uuid, how)))
-        self._store.write_cycle(told)
+            of_master = record.uuid == self._master or self._store.cycle_events(record.uuid, MASTER_OUTCOMES)
+            # What was told instead of a master's results is no vehicle either.
+            beside = [self.event(Severity.WARNING, MASTER_REFUSED, text, told.uuid)] if of_master else []
+            event += [replace(said, uuid=closing_id(record.uuid, how)), *beside]
+        if event[1:]:
+            self._store.write_master_check(told, (), event[1:])
+        else:
+            self._store.write_cycle(told)
         self._store.record_event(event[0])
 
     def _closing(self, cycle: UUID, sequence: int, how: Closing) -> EventRecord:

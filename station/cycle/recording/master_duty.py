@@ -108,7 +108,7 @@ class MasterDuty:
         self._shown: tuple[object, ...] = ()
         self._known: tuple[int, int, int] = (0, 0, 0)
         self._asked: Future[tuple[int, int, int]] | None = None
-        self._next_s = 0.0
+        self._next_s = self._retry_s = 0.0
         self._stale = self._unsettled = self._at_fault = False
         self._follows: Callable[[], None] | None = None
         self._reached: Mapping[str, int] = {}
@@ -141,6 +141,7 @@ class MasterDuty:
         if self._masters is None:
             return
         self._look_at_cameras(self._masters)
+        self._look_at_what_landed()
         self._duty = self._duty.passed(self._utc())
         if self._clock() >= self._next_s or self._asked is not None:
             self._look_for_news(self._masters)
@@ -150,6 +151,9 @@ class MasterDuty:
         """Why no vehicle is measured; None where the duty does not forbid it."""
         if mode in _FREE:
             return None
+        if self._stale:
+            # What was stored last is not known, and may be a check that was out.
+            return ErrorCode.MASTER_CHECK_OVERDUE
         self._duty = self._duty.passed(self._utc())
         return _CODES.get(self._duty.state)
 
@@ -278,6 +282,13 @@ class MasterDuty:
                 self._demand(DutyEvent.CAMERA_RESET, [wheel], MASTER_AFTER_CAMERA, wheel)
         self._reached = reached
 
+    def _look_at_what_landed(self) -> None:
+        """After a commit that was not certain, see what the database holds, before any other start."""
+        if self._stale and not self._ledger.owes and self._clock() >= self._retry_s:
+            self._retry_s = self._clock() + _RETRY_S
+            self._settle()
+            self._refresh()
+
     def _look_for_news(self, masters: Masters) -> None:
         """Ask the database without waiting for it, and look again at what has changed there."""
         if self._asked is None:
@@ -310,7 +321,6 @@ class MasterDuty:
             self._known = self._ledger.ask(self._masters.book.news)
         except StoreError as error:
             _LOG.error("where the master checks stand is not known: %s", error)
-            self._next_s = self._clock() + _RETRY_S
 
     def _settle(self) -> None:
         """Note doubts and their ends; what is left for later goes on in `look`."""

@@ -363,6 +363,38 @@ def test_power_lost_around_a_failed_check(tmp_path: Path, writes: int) -> None:
         assert stored == (CheckOutcome.OUT if writes else CheckOutcome.WITHIN)
 
 
+class LateStore:
+    """A store whose first commit of a master check lands, and does not say so in time."""
+
+    def __init__(self, store: ResultStore) -> None:
+        self.store, self.late = store, True
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.store, name)
+
+    def write_master_check(self, *args: Any) -> None:
+        self.store.write_master_check(*args)
+        if self.late:
+            self.late = False
+            raise StoreUnavailableError("the database did not answer in time")
+
+
+def test_a_failed_check_whose_commit_was_not_certain_is_found_before_the_next_start(tmp_path: Path) -> None:
+    with station(tmp_path, EVERY_3) as made:
+        made.check()
+        made.vehicle()
+        made.ends()
+        made.starts(LateStore(made.store))
+        made.check(False)
+        assert made.bench.cycle.state is StationState.FAULT
+        made.bench.line.queue.append(Reset(99))
+        while made.bench.cycle.state is not StationState.IDLE:
+            made.bench.cycle.step(0.01)
+        assert made.vehicle() is ErrorCode.MASTER_CHECK_FAILED
+        assert made.doubted == {(wheel, True) for wheel in WHEELS}
+        assert made.bench.line.masters[-1].doubted == 1
+
+
 def test_a_vehicle_of_a_station_that_asked_for_no_checks_meanwhile_is_in_doubt(tmp_path: Path) -> None:
     with station(tmp_path, EVERY_3) as made:
         made.check()
