@@ -244,32 +244,15 @@ class ResultStore:
                 )
 
     def grant_concession(self, record: ConcessionRecord) -> None:
-        """Release a vehicle that is not ok; its verdict stays.
-
-        Raises
-        ------
-        InputError
-            When there is no such cycle, or it did not end in NOK, when a later cycle of the vehicle counts,
-            or when a concession of it is in force already.
-        """
+        """Release a vehicle that is not ok; its verdict stays. Errors as of `refuse_concession`."""
         with self._transaction(writes=True) as connection:
-            # A call that is made again after its commit was lost changes nothing.
-            if not load_records(connection, "concession", [key_of(record)]):
-                refuse_concession(connection, self._where, record)
+            refuse_concession(connection, self._where, record)
             self._store(connection, (record,))
 
     def withdraw_concession(self, record: ConcessionWithdrawal) -> None:
-        """End a concession; it stays stored, and the vehicle is not released any more.
-
-        Raises
-        ------
-        InputError
-            When there is none of that UUID, or when it was withdrawn before.
-        """
+        """End a concession; it stays stored. Errors as of `refuse_withdrawal`."""
         with self._transaction(writes=True) as connection:
-            before = load_records(connection, "withdrawal", [key_of(record)]).get(key_of(record))
-            if before != record:
-                refuse_withdrawal(connection, self._where, record, before)
+            refuse_withdrawal(connection, self._where, record)
             self._store(connection, (record,))
 
     def concessions(self, cycles: Sequence[UUID]) -> tuple[StoredConcession, ...]:

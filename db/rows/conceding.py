@@ -6,7 +6,7 @@ from sqlalchemy import Connection, select
 
 from alignment.errors import InputError
 from db.records import ConcessionRecord, ConcessionWithdrawal, CycleOutcome
-from db.rows.reading import CYCLES, load_records, read_concessions, read_cycles
+from db.rows.reading import CYCLES, key_of, load_records, read_concessions, read_cycles
 from db.schema import cycles, vehicles
 
 
@@ -19,6 +19,9 @@ def refuse_concession(connection: Connection, where: str, record: ConcessionReco
         When there is no such cycle, when it did not end in NOK, when a later cycle of the vehicle counts, or
         when one is in force already.
     """
+    if load_records(connection, "concession", [key_of(record)]):
+        # A call that is made again after its commit was lost changes nothing.
+        return
 
     def refusal(expected: str, seen: str) -> InputError:
         return InputError(choice="cycle", expected=f"{expected} in {where}", seen=seen)
@@ -47,20 +50,19 @@ def refuse_concession(connection: Connection, where: str, record: ConcessionReco
             raise refusal("a cycle without a concession", f"{record.cycle} with one {granted}")
 
 
-def refuse_withdrawal(
-    connection: Connection, where: str, record: ConcessionWithdrawal, before: ConcessionWithdrawal | None
-) -> None:
-    """Refuse to take back what nobody granted, or what was taken back `before`.
+def refuse_withdrawal(connection: Connection, where: str, record: ConcessionWithdrawal) -> None:
+    """Refuse to take back what nobody granted, or what was taken back by another record.
 
     Raises
     ------
     InputError
         Then.
     """
-    if before is not None:
+    seen = None
+    before = load_records(connection, "withdrawal", [key_of(record)]).get(key_of(record))
+    if before is not None and before != record:
         seen = f"one withdrawn by {before.person} on {before.utc:%Y-%m-%d}: {before.reason}"
-    elif load_records(connection, "concession", [record.concession.hex]):
-        return
-    else:
+    elif not load_records(connection, "concession", [record.concession.hex]):
         seen = f"none with UUID {record.concession}"
-    raise InputError(choice="concession", expected=f"a concession in force in {where}", seen=seen)
+    if seen is not None:
+        raise InputError(choice="concession", expected=f"a concession in force in {where}", seen=seen)

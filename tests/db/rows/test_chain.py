@@ -286,7 +286,7 @@ def test_an_auditor_verifies_the_chain_with_the_lines_of_the_documentation(
     lines = section.split("```python\n")[1].split("```")[0].replace("results.db", sqlite_url[10:])
     exec(compile(lines, "docs/database.md", "exec"), {})
     end = check_database(sqlite_url, None).heads["EOL-1"]
-    assert capsys.readouterr().out.splitlines() == [f"link 12 of station EOL-1: {end.hash}"]
+    assert capsys.readouterr().out.splitlines() == [f"link 14 of station EOL-1: {end.hash}"]
     query = section.split("```sql\n")[1].split("```")[0]
     ask_breaks = sqlite3.connect(sqlite_url[10:])
     assert ask_breaks.execute(query).fetchall() == []
@@ -403,7 +403,7 @@ def test_a_database_that_comes_back_with_less_is_not_written_on(
     store.write_cycle(cycle())
     tamper(filled, "DELETE FROM chain_links WHERE chain = 'EOL-1' AND number > 7")
     with pytest.raises(
-        StoreError, match=r"has lost what was stored: link 13 of the chain of station 'EOL-1'"
+        StoreError, match=r"has lost what was stored: link 15 of the chain of station 'EOL-1'"
     ):
         store.write_cycle(cycle())
     # Nor when others have made the chain longer since.
