@@ -102,7 +102,7 @@ def test_whoever_follows_the_page_has_a_good_vehicle_at_its_end(
         said = {line.split(" --")[0]: out for line, out in reader.said.items()}
     assert "2 rigs, line at the other end of the cable plc" in said["truewheel run"]
     assert not Path("plc").is_symlink(), "the cable is gone with the station"
-    assert "43 of 43 points passed" in said["truewheel line check"]
+    assert "44 of 44 points passed" in said["truewheel line check"]
     assert re.search(r"^WVWZZZ1KZAW000001 ok\n  front_left   ok ", said["truewheel line plc"], re.MULTILINE)
     camber = re.search(r"front_left.camber +(\S+)", said["truewheel report vin"])
     assert camber is not None

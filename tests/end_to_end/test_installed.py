@@ -111,7 +111,7 @@ def test_first_hour_of_an_integrator_in_an_empty_folder(program: Path, tmp_path:
         demo = run(program, tmp_path, "demo", "--vehicles", "1", "--out", "demo", "--config", str(config))
         assert "in order" in demo
         assert (tmp_path / "demo" / "results.db").is_file()
-        assert "43 of 43 points passed" in checked()
+        assert "44 of 44 points passed" in checked()
     assert "simulated  truewheel" in run(program, tmp_path, "camera", "list")
     run(program, tmp_path, "db", "migrate", "--database", "sqlite:///results.db")
     run(program, tmp_path, "report", "all", "--database", "sqlite:///results.db", "--out", "report.html")
