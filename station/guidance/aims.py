@@ -234,11 +234,15 @@ class Aims:
         return OutOfReach.RANGE if least != 0.0 and beyond else OutOfReach.NONE
 
     def at_end(self, kind: AdjusterKind, rest: Rest, aim: float) -> bool:
-        """Whether the adjuster may be at the end of its range, and would have to go on beyond it."""
+        """Whether the adjuster may be at the end of its range, and its aim lies beyond it."""
         known, plan = self.known[kind], self.known[kind].plan
-        least = self._least(kind, rest, aim)
+        away = aim - (rest.toe if kind is ROD else rest.camber)
         smallest = abs(plan.main) * (1.0 - plan.error) * max(plan.range_turns - plan.backlash_turns, 0.0)
-        return least * known.shift > 0.0 and abs(known.shift) >= smallest - self.settings.still
+        return away * known.shift > 0.0 and abs(known.shift) >= smallest - self.settings.still
+
+    def enough(self, kind: AdjusterKind, rest: Rest, aim: float) -> bool:
+        """Whether a nut locked here, short of its aim, is expected to leave its angle inside all the same."""
+        return self._least(kind, rest, aim) == 0.0
 
     def moved(self, kind: AdjusterKind, before: Rest, after: Rest, told: float, aim: float) -> None:
         """Learn from a movement from rest to rest while `told` turns of an adjuster were to be turned."""

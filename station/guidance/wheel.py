@@ -120,7 +120,8 @@ class WheelGuide:
         self._rod_follows = self._idle = self._ended = False
         self._anchor: Rest | None = None
         self._begun: Rest | None = None
-        self._told = 0.0
+        self._told = self._short = 0.0
+        self._at_end: set[AdjusterKind] = set()
         self._since_s = 0.0
         self._good = 0
         self._judged = 0
@@ -270,6 +271,7 @@ class WheelGuide:
         """Have an adjuster turned, in a correction that began at `begun`."""
         self._kind, self._begun, self._taken, self._locked = kind, begun, None, None
         self._state, self._reason = GuidanceState.TURN, OutOfReach.NONE
+        self._short = 0.0
         self._rest_at(rest, time_s)
         # What was at rest before anything was turned says nothing of where to lock.
         self._still.clear()
@@ -325,7 +327,7 @@ class WheelGuide:
 
     def _turn(self, time_s: float, now: Rest, rest: Rest | None) -> None:
         away = abs(self._aim(now) - self._main(now))
-        window = self._aims.window(self._kind)
+        window = max(self._aims.window(self._kind), self._short)
         if away <= window and self._state is GuidanceState.TURN:
             # Whoever turns may not have seen it yet: only what rests from here on is at rest.
             self._state = GuidanceState.HOLD
@@ -350,12 +352,20 @@ class WheelGuide:
         aim, rested_s = self._aim(rest), time_s - self._since_s
         reason = self._aims.reach(self._kind, rest, aim)
         if rested_s >= self._settings.stuck_s and self._aims.at_end(self._kind, rest, aim):
-            reason = OutOfReach.RANGE
+            reason = self._end(rest, aim)
         if reason is not OutOfReach.NONE:
             self._state, self._reason, self._ended = GuidanceState.UNREACHABLE, reason, True
         elif self._good >= self._settings.readings and rested_s >= self._settings.lock_s:
             # Left alone inside its limits: somebody found that good enough.
             self._check(time_s)
+
+    def _end(self, rest: Rest, aim: float) -> OutOfReach:
+        """Judge an adjuster at its end: what is short of its aim and still enough is locked there, once."""
+        if self._kind in self._at_end or not self._aims.enough(self._kind, rest, aim):
+            return OutOfReach.RANGE
+        self._at_end.add(self._kind)
+        self._short = abs(aim - self._main(rest)) + self._settings.still
+        return OutOfReach.NONE
 
     def _lock(self, time_s: float, rest: Rest | None) -> None:
         assert self._taken is not None

@@ -286,6 +286,39 @@ def test_an_adjuster_at_its_end_is_named_after_a_while_and_freed_when_it_moves()
     assert walk.guide.count == 1
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bolt_at_its_end_short_of_its_aim_is_locked_there_and_the_rod_decides(sign: float) -> None:
+    """The bolt makes room for what the rod will do; 4′ short of that it was to be turned for ever."""
+    walk = Walk(with_rod=rod(across=8.0), with_bolt=bolt(turns=4.0))
+    # The rod takes away 200′ of toe and 40′ of camber: the bolt's aim is 40′.
+    advice = walk.at(sign * -60.0, sign * 200.0, 4)
+    assert (advice.state, advice.adjuster) == (S.TURN, BOLT)
+    walk.at(sign * 36.0, sign * 200.0, 4)
+    assert walk.at(sign * 36.0, sign * 200.0, 40).state is S.TURN
+    assert walk.at(sign * 36.0, sign * 200.0, 16).state is S.LOCK_NUT
+    assert S.HOLD in walk.seen
+    advice = walk.at(sign * 36.0, sign * 200.0, 60)
+    assert (advice.state, advice.adjuster) == (S.TURN, ROD)
+    # It stops far from where toe comes inside: bent, and said so.
+    walk.at(sign * 8.0, sign * 60.0, 4)
+    advice = walk.at(sign * 8.0, sign * 60.0, 60)
+    assert (advice.state, advice.reason) == (S.UNREACHABLE, OutOfReach.RANGE)
+
+
+def test_an_adjuster_is_locked_at_its_end_once_and_then_named() -> None:
+    """The axle asks for more than the rod has: it is not loosened and locked there for ever."""
+    walk = Walk(with_rod=rod())
+    walk.asked = frozenset({"toe"})
+    walk.at(0.0, 150.0, 4)
+    walk.at(0.0, 3.0, 4)
+    walk.at(0.0, 3.0, 60)
+    assert walk.seen[-2:] == [S.HOLD, S.LOCK_NUT]
+    assert walk.at(0.0, 3.0, 150).state is S.UNREACHABLE
+    assert walk.guide.reason is OutOfReach.RANGE
+    assert walk.guide.count == 2
+    assert walk.seen.count(S.LOCK_NUT) == 1
+
+
 def test_a_pause_amid_the_range_is_no_end_of_it() -> None:
     walk = Walk(with_rod=rod())
     walk.at(0.0, 60.0, 4)
